@@ -1,0 +1,18 @@
+#pragma once
+
+#include <CLI/CLI.hpp>
+
+namespace palpate {
+
+// Each adds one subcommand to the program. Its callback does the job; it throws InputError (exit code 2) for bad input
+// and RunError (exit code 1) for a failed run.
+
+void addRunCommand(CLI::App& app);
+void addOneDCommand(CLI::App& app);
+void addCheckCommand(CLI::App& app);
+void addEvaluateCommand(CLI::App& app);
+void addMeshCommand(CLI::App& app);
+void addValidateCommand(CLI::App& app);
+void addDevicesCommand(CLI::App& app);
+
+}  // namespace palpate

@@ -1,0 +1,141 @@
+#include "palpate/fem/elastic_mesh.h"
+
+#include <Eigen/LU>
+#include <cmath>
+#include <string>
+
+#include "palpate/common/error.h"
+#include "palpate/fem/polar.h"
+
+namespace palpate {
+namespace {
+
+void checkMaterial(const Material& m) {
+  const auto positive = [](double value, const char* key) {
+    if (!(value > 0) || !std::isfinite(value)) throw InputError("material", key, "must be positive and finite");
+  };
+  positive(m.youngs_modulus, "youngs_modulus");
+  positive(m.density, "density");
+  if (!(m.poisson_ratio > -1.0 && m.poisson_ratio < 0.5)) {
+    throw InputError("material", "poisson_ratio", "must lie in (-1, 0.5)");
+  }
+  if (!(m.damping_alpha >= 0 && m.damping_beta >= 0)) throw InputError("material", "damping", "must not be negative");
+}
+
+ElasticElement makeElement(const SimulationMesh& mesh, int index, const Material& material) {
+  ElasticElement e;
+  e.node = mesh.mesh.tetrahedra[index];
+  Mat3 edges;
+  for (int k = 0; k < 3; ++k) edges.col(k) = mesh.mesh.nodes[e.node[k + 1]] - mesh.mesh.nodes[e.node[0]];
+  const double volume = edges.determinant() / 6.0;
+  if (!(volume > 0) || !std::isfinite(volume)) {
+    throw InputError("mesh", "tetrahedron " + std::to_string(index), "has no positive volume");
+  }
+  const Mat3 inverse = edges.inverse();
+  for (int k = 0; k < 3; ++k) e.gradient[k + 1] = inverse.row(k).transpose();
+  e.gradient[0] = -(e.gradient[1] + e.gradient[2] + e.gradient[3]);
+  const double nu = material.poisson_ratio;
+  const double filled = volume * mesh.fill[index];
+  e.lambda = filled * material.youngs_modulus * nu / ((1 + nu) * (1 - 2 * nu));
+  e.mu = filled * material.youngs_modulus / (2 * (1 + nu));
+  return e;
+}
+
+}  // namespace
+
+ElasticMesh::ElasticMesh(const SimulationMesh& mesh, const Material& material) : material_(material) {
+  checkMaterial(material);
+  mass_ = VecX::Zero(static_cast<Eigen::Index>(mesh.mesh.nodes.size()));
+  elements_.reserve(mesh.mesh.tetrahedra.size());
+  for (int i = 0; i < static_cast<int>(mesh.mesh.tetrahedra.size()); ++i) {
+    elements_.push_back(makeElement(mesh, i, material));
+    const ElasticElement& e = elements_.back();
+    const Mat3 edges = (Mat3() << mesh.mesh.nodes[e.node[1]] - mesh.mesh.nodes[e.node[0]],
+                        mesh.mesh.nodes[e.node[2]] - mesh.mesh.nodes[e.node[0]],
+                        mesh.mesh.nodes[e.node[3]] - mesh.mesh.nodes[e.node[0]])
+                           .finished();
+    const double volume = edges.determinant() / 6.0;
+    for (int k = 0; k < 4; ++k) mass_[e.node[k]] += material.density * volume * mesh.share[i][k];
+  }
+  for (int n = 0; n < nodes(); ++n) {
+    if (!(mass_[n] >= 0)) throw InputError("mesh", "node " + std::to_string(n), "has negative mass");
+  }
+}
+
+void ElasticMesh::updateRotations(const VecX& x) {
+  for (ElasticElement& e : elements_) e.rotation = polarRotation(e.deformationGradient(x), e.rotation);
+}
+
+void ElasticMesh::setRotations(const std::vector<Mat3>& rotations) {
+  for (std::size_t i = 0; i < elements_.size(); ++i) elements_[i].rotation = rotations[i];
+}
+
+void ElasticMesh::forces(const VecX& x, VecX& f) const {
+  f.setZero(3 * nodes());
+  for (const ElasticElement& e : elements_) {
+    const Mat3 g = e.rotation.transpose() * e.deformationGradient(x);
+    Mat3 stress = e.mu * (g + g.transpose());
+    stress.diagonal().array() += e.lambda * (g.trace() - 3.0) - 2.0 * e.mu;
+    const Mat3 p = e.rotation * stress;
+    for (int k = 0; k < 4; ++k) f.segment<3>(3 * e.node[k]) -= p * e.gradient[k];
+  }
+}
+
+double ElasticMesh::energy(const VecX& x) const {
+  double sum = 0;
+  for (const ElasticElement& e : elements_) {
+    const Mat3 g = e.rotation.transpose() * e.deformationGradient(x);
+    const Mat3 strain = 0.5 * (g + g.transpose()) - Mat3::Identity();
+    const double trace = strain.trace();
+    sum += e.mu * strain.squaredNorm() + 0.5 * e.lambda * trace * trace;
+  }
+  return sum;
+}
+
+SymmetricBlockMatrix ElasticMesh::pattern(const std::vector<int>& row) {
+  int size = 0;
+  std::vector<std::pair<int, int>> pairs;
+  for (const int r : row) size = std::max(size, r + 1);
+  for (const ElasticElement& e : elements_) {
+    for (int i = 0; i < 4; ++i) {
+      for (int j = 0; j < i; ++j) {
+        if (row[e.node[i]] >= 0 && row[e.node[j]] >= 0) pairs.emplace_back(row[e.node[i]], row[e.node[j]]);
+      }
+    }
+  }
+  SymmetricBlockMatrix a = SymmetricBlockMatrix::fromPairs(size, pairs);
+  slots_.clear();
+  slots_.reserve(elements_.size());
+  for (const ElasticElement& e : elements_) {
+    std::array<PairSlot, 10> entry;
+    int n = 0;
+    for (std::uint8_t i = 0; i < 4; ++i) {
+      for (std::uint8_t j = 0; j <= i; ++j) {
+        const int ri = row[e.node[i]];
+        const int rj = row[e.node[j]];
+        const bool present = ri >= 0 && rj >= 0;
+        entry[n++] = {present ? a.find(std::max(ri, rj), std::min(ri, rj)) : -1, ri >= rj ? i : j, ri >= rj ? j : i};
+      }
+    }
+    slots_.push_back(entry);
+  }
+  diagonal_slots_.clear();
+  for (int node = 0; node < nodes(); ++node) {
+    if (row[node] >= 0) diagonal_slots_.emplace_back(node, a.find(row[node], row[node]));
+  }
+  return a;
+}
+
+void ElasticMesh::assemble(double mass_scale, double stiffness_scale, SymmetricBlockMatrix& a) const {
+  std::fill(a.values.begin(), a.values.end(), 0.0);
+  for (const auto& [node, slot] : diagonal_slots_) a.block(slot).diagonal().setConstant(mass_scale * mass_[node]);
+  for (std::size_t n = 0; n < elements_.size(); ++n) {
+    const ElasticElement& e = elements_[n];
+    const std::array<Vec3, 4> c = e.rotatedGradients();
+    for (const PairSlot& s : slots_[n]) {
+      if (s.slot >= 0) a.block(s.slot) += stiffness_scale * e.stiffness(c, s.i, s.j);
+    }
+  }
+}
+
+}  // namespace palpate

@@ -1,0 +1,85 @@
+#pragma once
+
+#include <array>
+#include <vector>
+
+#include "palpate/math/types.h"
+#include "palpate/mesh/types.h"
+#include "palpate/solver/symmetric_block_matrix.h"
+
+namespace palpate {
+
+/// Homogeneous isotropic material with Rayleigh damping D = alpha M + beta K.
+struct Material {
+  double youngs_modulus = 2e4;  ///< [Pa]
+  double poisson_ratio = 0.4;
+  double density = 1000.0;      ///< [kg/m^3]
+  double damping_alpha = 0.0;   ///< [1/s]; drag against the world, left out of the coupling wrench
+  double damping_beta = 0.002;  ///< [s]
+};
+
+/// Corotational linear tetrahedron (Mueller and Gross 2004, "Interactive virtual materials"). With c_i = R grad N_i and
+/// the Lame constants times the material's volume, lambda and mu,
+///   f_i  = -R (lambda tr(e) + 2 mu e) grad N_i,   e = sym(R^T F) - I
+///   K_ij = lambda c_i c_j^T + mu c_j c_i^T + mu (c_i . c_j) I       (f(x + dx) = f - K dx at fixed R)
+struct ElasticElement {
+  std::array<int, 4> node;
+  std::array<Vec3, 4> gradient;  ///< grad N_i in the rest shape [1/m]
+  double lambda = 0;             ///< first Lame constant times the filled volume [N m]
+  double mu = 0;                 ///< shear modulus times the filled volume [N m]
+  Mat3 rotation = Mat3::Identity();
+
+  Mat3 stiffness(const std::array<Vec3, 4>& c, int i, int j) const {
+    Mat3 k = (lambda * c[i]) * c[j].transpose() + (mu * c[j]) * c[i].transpose();
+    k.diagonal().array() += mu * c[i].dot(c[j]);
+    return k;
+  }
+  std::array<Vec3, 4> rotatedGradients() const {
+    return {rotation * gradient[0], rotation * gradient[1], rotation * gradient[2], rotation * gradient[3]};
+  }
+  Mat3 deformationGradient(const VecX& x) const {
+    Mat3 f = x.segment<3>(3 * node[0]) * gradient[0].transpose();
+    for (int k = 1; k < 4; ++k) f += x.segment<3>(3 * node[k]) * gradient[k].transpose();
+    return f;
+  }
+};
+
+/// Elastic body on tetrahedra: knows nodes, nothing of handles, contact or time steps. Positions and forces are flat
+/// vectors of 3 coordinates a node [m], [N].
+class ElasticMesh {
+ public:
+  /// @throws InputError for an element of non-positive or non-finite volume, or material out of range
+  ElasticMesh(const SimulationMesh& mesh, const Material& material);
+
+  int nodes() const { return static_cast<int>(mass_.size()); }
+  const Material& material() const { return material_; }
+  const VecX& mass() const { return mass_; }  ///< lumped, a node [kg]
+  const std::vector<ElasticElement>& elements() const { return elements_; }
+
+  /// Element rotations of the given positions (polar decomposition, started from the present ones).
+  void updateRotations(const VecX& x);
+  /// Takes rotations saved earlier, one an element.
+  void setRotations(const std::vector<Mat3>& rotations);
+  /// Elastic forces at x with the present rotations; overwrites f [3 nodes].
+  void forces(const VecX& x, VecX& f) const;
+  /// Elastic energy at x with the present rotations [J]; its gradient is -forces once the rotations are those of x.
+  double energy(const VecX& x) const;
+
+  /// Prepares assemble(): the pattern of the nodes with row[node] >= 0, which must number 0..n-1.
+  SymmetricBlockMatrix pattern(const std::vector<int>& row);
+  /// a = mass_scale M + stiffness_scale K on the pattern's rows, with the present rotations.
+  void assemble(double mass_scale, double stiffness_scale, SymmetricBlockMatrix& a) const;
+
+ private:
+  struct PairSlot {
+    int slot;           // -1: a node of the pair has no row
+    std::uint8_t i, j;  // local nodes, in the order that the lower triangle needs
+  };
+  Material material_;
+  VecX mass_;
+  std::vector<ElasticElement> elements_;
+  std::vector<std::array<PairSlot, 10>> slots_;      // an element
+  std::vector<std::pair<int, int>> diagonal_slots_;  // node, slot
+};
+
+}  // namespace palpate

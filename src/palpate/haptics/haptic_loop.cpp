@@ -1,0 +1,116 @@
+#include "palpate/haptics/haptic_loop.h"
+
+#include <cmath>
+#include <limits>
+
+#include "palpate/common/error.h"
+
+namespace palpate {
+namespace {
+
+void validate(const HapticSettings& settings) {
+  const auto require = [](bool good, const char* key, const char* cause) {
+    if (!good) throw InputError("haptics", key, cause);
+  };
+  const auto notNegative = [](double value) { return value >= 0.0 && std::isfinite(value); };
+  require(settings.dt > 0.0 && std::isfinite(settings.dt), "dt", "must be positive");
+  require(notNegative(settings.link.stiffness), "link.stiffness", "must not be negative");
+  require(notNegative(settings.link.damping), "link.damping", "must not be negative");
+  require(notNegative(settings.link.rotational_stiffness), "link.rotational_stiffness", "must not be negative");
+  require(notNegative(settings.link.rotational_damping), "link.rotational_damping", "must not be negative");
+  require(settings.compensation.weight.allFinite(), "compensation.weight", "must be finite");
+  require(settings.compensation.center.allFinite(), "compensation.center", "must be finite");
+}
+
+}  // namespace
+
+bool isFinite(const HandleModel& model) noexcept {
+  const auto finite = [](const Pose& pose) { return pose.position.allFinite() && pose.rotation.coeffs().allFinite(); };
+  return model.force.allFinite() && finite(model.pose) && model.twist.allFinite() && model.kx.allFinite() &&
+         model.kv.allFinite() && finite(model.handle_pose) && model.handle_twist.allFinite() &&
+         std::isfinite(model.time);
+}
+
+HapticLoop::HapticLoop(const HapticSettings& settings)
+    : settings_(settings), filter_(settings.filter), proxy_(settings.proxy), safety_(settings.safety) {
+  validate(settings);
+}
+
+Vec6 HapticLoop::start(const Pose& device_pose, const Pose& proxy_pose, double now) noexcept {
+  filter_.reset(device_pose);
+  proxy_.reset(proxy_pose, Vec6::Zero());
+  observer_.reset();
+  counters_ = {};
+  has_model_ = false;
+  start_time_ = now;
+  last_device_pose_ = device_pose;
+  const DeviceState device{device_pose, Vec6::Zero(), 0};
+  const Vec6 raw = couplingWrench(settings_.link, proxy_pose, Vec6::Zero(), device);
+  last_sent_ = safety_.start(compensate(raw, proxy_pose));
+  return last_sent_;
+}
+
+TickRecord HapticLoop::tick(const DeviceState& sample, const HandleModel* newest, double now) noexcept {
+  TickRecord record;
+  record.time = now;
+  record.device = readDevice(sample, record.flags);
+  const HandleModel* model = takeModel(newest, record.flags);
+  record.model_age = model ? now - model->time : std::numeric_limits<double>::infinity();
+  record.raw = render(model, record.device, record);
+
+  const double since_start = now - start_time_;
+  const auto safe =
+      safety_.process({model ? compensate(record.raw, record.proxy) : record.raw, since_start,
+                       model ? record.model_age : since_start, settings_.dt, record.device.twist.head<3>()},
+                      observer_);
+  record.sent = last_sent_ = safe.wrench;
+  record.flags |= safe.flags;
+  record.delivered_energy = observer_.delivered();
+  counters_.add(record.flags);
+  return record;
+}
+
+DeviceState HapticLoop::readDevice(const DeviceState& sample, TickFlags& flags) noexcept {
+  const std::uint64_t rejected = filter_.rejected();
+  const DeviceState& device = filter_.accept(sample);
+  if (filter_.rejected() != rejected) flags.set(TickFlag::device_rejected);
+  observer_.add(last_sent_, poseDifference(device.pose, last_device_pose_));
+  last_device_pose_ = device.pose;
+  return device;
+}
+
+const HandleModel* HapticLoop::takeModel(const HandleModel* newest, TickFlags& flags) noexcept {
+  if (newest && isFinite(*newest)) {
+    model_ = *newest;
+    has_model_ = true;
+  } else if (newest) {
+    flags.set(TickFlag::model_rejected);
+  }
+  if (has_model_) return &model_;
+  flags.set(TickFlag::model_missing);
+  return nullptr;
+}
+
+Vec6 HapticLoop::render(const HandleModel* model, const DeviceState& device, TickRecord& record) noexcept {
+  if (settings_.rendering == Rendering::linearized) {
+    record.flags |= proxy_.step(model, settings_.link, device, settings_.dt);
+  } else if (model) {
+    proxy_.reset(model->handle_pose, model->handle_twist);
+  } else {
+    record.proxy = proxy_.pose();
+    return Vec6::Zero();
+  }
+  record.proxy = proxy_.pose();
+  record.proxy_twist = proxy_.twist();
+  return couplingWrench(settings_.link, record.proxy, record.proxy_twist, device);
+}
+
+Vec6 HapticLoop::compensate(const Vec6& wrench, const Pose& handle) const noexcept {
+  const CompensatedWeight& tool = settings_.compensation;
+  Vec6 result = wrench;
+  result.head<3>() -= tool.weight;
+  result.tail<3>() -= (handle.rotation * tool.center).cross(tool.weight);
+  return result;
+}
+
+}  // namespace palpate

@@ -1,0 +1,91 @@
+#pragma once
+
+#include "palpate/haptics/coupling.h"
+#include "palpate/haptics/device_filter.h"
+#include "palpate/haptics/proxy.h"
+#include "palpate/haptics/safety.h"
+
+namespace palpate {
+
+/// Where the force comes from.
+enum class Rendering {
+  linearized,       ///< proxy pulled by the handle model: `hsl` and `hsl-exact`, which differ in the model only
+  visual_coupling,  ///< `vc`: device coupled to the newest visual handle, no proxy
+};
+
+/// Tool whose weight the device does not show. It is taken as rigid: a constant force at a point fixed in the handle.
+struct CompensatedWeight {
+  Vec3 weight = Vec3::Zero();  ///< mass times gravity of handle and tool together [N]; zero: nothing is compensated
+  Vec3 center = Vec3::Zero();  ///< their center of mass in the handle's frame [m]
+};
+
+struct HapticSettings {
+  double dt = 0.001;  ///< tick [s]
+  Rendering rendering = Rendering::linearized;
+  LinkParameters link;
+  ProxySettings proxy;
+  CompensatedWeight compensation;
+  SafetySettings safety;
+  DeviceFilterSettings filter;
+};
+
+/// Everything about one tick; values after it.
+struct TickRecord {
+  double time = 0.0;   ///< [s], as passed to tick()
+  DeviceState device;  ///< sample that was used
+  Pose proxy;          ///< with visual coupling the visual handle
+  Vec6 proxy_twist = Vec6::Zero();
+  Vec6 raw = Vec6::Zero();        ///< wrench of the link on the device, before compensation and safety [N; N m]
+  Vec6 sent = Vec6::Zero();       ///< wrench that goes to the device [N; N m]
+  double model_age = 0.0;         ///< time - model's time [s]; infinite before the first model
+  double delivered_energy = 0.0;  ///< net energy given to the hand so far [J]
+  TickFlags flags;
+};
+
+/// The haptic loop without its clock: lockstep and real time run the same tick. After construction nothing in it
+/// allocates, locks, throws or calls the system.
+class HapticLoop {
+ public:
+  /// @throws InputError for settings out of range
+  explicit HapticLoop(const HapticSettings& settings);
+
+  /// Begins a run at rest.
+  /// @param device_pose  first pose of the device
+  /// @param proxy_pose   handle in static equilibrium with it, from the visual loop
+  /// @param now          time of the first tick [s]
+  /// @return wrench on the device at the start, after the safety stage
+  Vec6 start(const Pose& device_pose, const Pose& proxy_pose, double now) noexcept;
+
+  /// One tick.
+  /// @param sample  of the device, now; anything that is not a sane number is replaced by the last good sample
+  /// @param newest  newest complete handle model, or nullptr before the first. It is copied.
+  /// @param now     [s]
+  TickRecord tick(const DeviceState& sample, const HandleModel* newest, double now) noexcept;
+
+  const TickCounters& counters() const noexcept { return counters_; }
+  const PassivityObserver& passivity() const noexcept { return observer_; }
+  const HapticSettings& settings() const noexcept { return settings_; }
+
+ private:
+  DeviceState readDevice(const DeviceState& sample, TickFlags& flags) noexcept;
+  const HandleModel* takeModel(const HandleModel* newest, TickFlags& flags) noexcept;
+  Vec6 render(const HandleModel* model, const DeviceState& device, TickRecord& record) noexcept;
+  Vec6 compensate(const Vec6& wrench, const Pose& handle) const noexcept;
+
+  HapticSettings settings_;
+  DeviceFilter filter_;
+  HandleProxy proxy_;
+  SafetyChain safety_;
+  PassivityObserver observer_;
+  TickCounters counters_;
+  HandleModel model_;
+  bool has_model_ = false;
+  double start_time_ = 0.0;
+  Pose last_device_pose_;
+  Vec6 last_sent_ = Vec6::Zero();
+};
+
+/// True where every number of the model is finite.
+bool isFinite(const HandleModel& model) noexcept;
+
+}  // namespace palpate

@@ -1,0 +1,95 @@
+#include "palpate/haptics/realtime.h"
+
+#include <pthread.h>
+#include <sched.h>
+#include <sys/mman.h>
+#include <sys/resource.h>
+#include <time.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <bit>
+#include <cerrno>
+#include <cmath>
+#include <cstring>
+
+#include "palpate/common/error.h"
+
+namespace palpate {
+
+void DurationHistogram::add(std::int64_t nanoseconds) noexcept {
+  const auto value = static_cast<std::uint64_t>(std::max<std::int64_t>(nanoseconds, 0));
+  const int shift = std::max(0, static_cast<int>(std::bit_width(value)) - kBits - 1);
+  // Below 2^(kBits + 1) a bucket a value; above, the top kBits + 1 bits say which.
+  const std::size_t bucket = (static_cast<std::size_t>(shift) << kBits) + static_cast<std::size_t>(value >> shift);
+  ++buckets_[std::min(bucket, kBuckets - 1)];
+  ++count_;
+  max_ = std::max(max_, value);
+}
+
+double DurationHistogram::percentile(double share) const noexcept {
+  const double wanted = share * static_cast<double>(count_);
+  double seen = 0.0;
+  for (std::size_t bucket = 0; bucket < kBuckets && count_ > 0; ++bucket) {
+    seen += static_cast<double>(buckets_[bucket]);
+    if (buckets_[bucket] == 0 || seen < wanted) continue;
+    const std::size_t octave = bucket >> kBits;
+    const std::size_t shift = octave > 1 ? octave - 1 : 0;
+    const auto upper = static_cast<double>(((bucket - (shift << kBits)) + 1) << shift) - 1.0;
+    return 1e-3 * std::min(upper, static_cast<double>(max_));
+  }
+  return max();
+}
+
+RealtimeGrant requestRealtime(int priority) {
+  RealtimeGrant grant;
+  sched_param parameters{};
+  parameters.sched_priority = std::clamp(priority, 1, 99);
+  const int error = pthread_setschedparam(pthread_self(), SCHED_FIFO, &parameters);
+  grant.scheduled = error == 0;
+  if (error != 0) grant.reason = std::string("SCHED_FIFO refused: ") + std::strerror(error);
+  // Pages are locked when they are first touched, or every thread's whole stack would be taken. Where the amount is
+  // limited, later memory stays unlocked: beyond the limit it would be refused.
+  rlimit limit{};
+  const bool unlimited = geteuid() == 0 || (getrlimit(RLIMIT_MEMLOCK, &limit) == 0 && limit.rlim_cur == RLIM_INFINITY);
+  grant.memory_locked = mlockall(MCL_CURRENT | MCL_ONFAULT | (unlimited ? MCL_FUTURE : 0)) == 0;
+  if (!grant.memory_locked) {
+    const std::string why = std::string("mlockall refused: ") + std::strerror(errno);
+    grant.reason += (grant.reason.empty() ? "" : "; ") + why;
+  }
+  return grant;
+}
+
+PeriodicClock::PeriodicClock(double period) {
+  if (!(period >= 1e-5) || !(period <= 3600.0)) throw InputError("period", "", "must be 10 us to one hour");
+  period_ = std::chrono::nanoseconds(std::llround(period * 1e9));
+}
+
+void PeriodicClock::start() noexcept {
+  start_ = Clock::now();
+  next_ = 0;
+}
+
+std::int64_t PeriodicClock::wait(PeriodicReport& report) noexcept {
+  const std::chrono::nanoseconds late = Clock::now() - (start_ + next_ * period_);
+  if (late >= period_) {
+    const std::int64_t skipped = late / period_;
+    report.missed += static_cast<std::uint64_t>(skipped);
+    next_ += skipped;
+  }
+  const Clock::time_point deadline = start_ + next_ * period_;
+  const auto since_epoch = std::chrono::nanoseconds(deadline.time_since_epoch()).count();
+  timespec until{};
+  until.tv_sec = static_cast<time_t>(since_epoch / 1'000'000'000);
+  until.tv_nsec = static_cast<long>(since_epoch % 1'000'000'000);
+  while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &until, nullptr) == EINTR) {
+  }
+  report.wake_latency.add(std::chrono::nanoseconds(Clock::now() - deadline).count());
+  return next_++;
+}
+
+double PeriodicClock::time(std::int64_t k) const noexcept { return std::chrono::duration<double>(k * period_).count(); }
+
+double PeriodicClock::elapsed() const noexcept { return std::chrono::duration<double>(Clock::now() - start_).count(); }
+
+}  // namespace palpate

@@ -1,0 +1,88 @@
+#pragma once
+
+#include <array>
+#include <atomic>
+#include <chrono>
+#include <cstdint>
+#include <string>
+
+namespace palpate {
+
+/// Distribution of durations, in a fixed amount of memory: 32 buckets to an octave of nanoseconds, so a percentile is
+/// right to 3 %.
+class DurationHistogram {
+ public:
+  void add(std::int64_t nanoseconds) noexcept;
+  /// Duration [us] that a share of the values, 0 to 1, does not exceed; 0 without values.
+  double percentile(double share) const noexcept;
+  double max() const noexcept { return 1e-3 * static_cast<double>(max_); }  ///< [us], exact
+  std::uint64_t count() const noexcept { return count_; }
+
+ private:
+  static constexpr int kBits = 5;
+  static constexpr std::size_t kBuckets = (64 - kBits) << kBits;
+  std::array<std::uint32_t, kBuckets> buckets_{};
+  std::uint64_t count_ = 0;
+  std::uint64_t max_ = 0;
+};
+
+/// What the system granted to a thread that asked to run in real time.
+struct RealtimeGrant {
+  bool scheduled = false;      ///< SCHED_FIFO
+  bool memory_locked = false;  ///< mlockall
+  std::string reason;          ///< why not, for people; empty when both were granted
+};
+
+/// Asks for SCHED_FIFO at `priority` (1 to 99) for the calling thread, and for the process's memory to stay in RAM.
+/// Both may be refused; the thread goes on either way.
+RealtimeGrant requestRealtime(int priority);
+
+/// Timing of a periodic thread.
+struct PeriodicReport {
+  DurationHistogram wake_latency;  ///< deadline to wake-up
+  DurationHistogram work;          ///< time that the work took
+  std::uint64_t ticks = 0;
+  std::uint64_t missed = 0;  ///< deadlines that went by while a tick was late; their ticks did not take place
+};
+
+/// Deadlines start + k * period on the monotonic clock, multiplied and never accumulated. A tick that is late by whole
+/// periods skips the deadlines that have gone by: the loop catches up at once instead of hurrying after its past.
+class PeriodicClock {
+ public:
+  using Clock = std::chrono::steady_clock;
+
+  /// @param period  [s], at least 10 us. @throws InputError
+  explicit PeriodicClock(double period);
+
+  /// First deadline is now.
+  void start() noexcept;
+  /// Sleeps until the next deadline. @return its number k; deadlines skipped since the last call are missed
+  std::int64_t wait(PeriodicReport& report) noexcept;
+  /// Deadline of tick k [s] since start(): k * period.
+  double time(std::int64_t k) const noexcept;
+  /// [s] since start().
+  double elapsed() const noexcept;
+
+ private:
+  std::chrono::nanoseconds period_;
+  Clock::time_point start_;
+  std::int64_t next_ = 0;
+};
+
+/// Calls work(k, k * period) at each deadline until `stop` is set or work returns false.
+/// @param report  filled while it runs; read it after the return
+template <typename Work>
+void runPeriodic(double period, const std::atomic<bool>& stop, PeriodicReport& report, Work&& work) {
+  PeriodicClock clock(period);
+  clock.start();
+  bool more = true;
+  while (more && !stop.load(std::memory_order_relaxed)) {
+    const std::int64_t k = clock.wait(report);
+    const auto begin = PeriodicClock::Clock::now();
+    more = work(k, static_cast<double>(k) * period);
+    report.work.add(std::chrono::nanoseconds(PeriodicClock::Clock::now() - begin).count());
+    ++report.ticks;
+  }
+}
+
+}  // namespace palpate

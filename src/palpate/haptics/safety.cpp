@@ -1,0 +1,98 @@
+#include "palpate/haptics/safety.h"
+
+#include <algorithm>
+
+#include "palpate/common/error.h"
+
+namespace palpate {
+namespace {
+
+bool cutNorm(Eigen::Ref<Vec3> value, double limit) {
+  const double norm = value.stableNorm();
+  if (norm <= limit) return false;
+  value *= limit / norm;
+  return true;
+}
+
+void requireNotNegative(double value, const char* key) {
+  if (!(value >= 0.0)) throw InputError("safety", key, "must not be negative");
+}
+
+}  // namespace
+
+SafetySettings safetyForDevice(const DeviceLimits& limits) {
+  SafetySettings settings;
+  settings.peak_force = limits.peak_force;
+  settings.peak_torque = limits.peak_torque;
+  return settings;
+}
+
+double modelAgeLimit(double visual_step, int latency) { return (latency + 5) * visual_step; }
+
+SafetyChain::SafetyChain(const SafetySettings& settings) : settings_(settings) {
+  requireNotNegative(settings.peak_force, "peak_force");
+  requireNotNegative(settings.peak_torque, "peak_torque");
+  requireNotNegative(settings.force_slew, "force_slew");
+  requireNotNegative(settings.torque_slew, "torque_slew");
+  requireNotNegative(settings.start_ramp, "start_ramp");
+  requireNotNegative(settings.model_age_limit, "model_age_limit");
+  requireNotNegative(settings.model_decay, "model_decay");
+  requireNotNegative(settings.passivity.allowance, "passivity.allowance");
+  requireNotNegative(settings.passivity.max_damping, "passivity.max_damping");
+  requireNotNegative(settings.passivity.quiet_speed, "passivity.quiet_speed");
+}
+
+Vec6 SafetyChain::start(const Vec6& wrench) noexcept {
+  TickFlags flags;
+  previous_ = wrench.allFinite() ? clamp(wrench, flags) : Vec6(Vec6::Zero());
+  watchdog_gain_ = 1.0;
+  return settings_.start_ramp > 0.0 ? Vec6(Vec6::Zero()) : previous_;
+}
+
+SafetyChain::Output SafetyChain::process(const Input& input, const PassivityObserver& observer) noexcept {
+  Output out{input.wrench, {}};
+  if (!out.wrench.allFinite()) {
+    out.wrench.setZero();
+    out.flags.set(TickFlag::wrench_non_finite);
+  }
+  out.wrench *= updateWatchdog(input.model_age, input.dt, out.flags);
+
+  const Vec3 damping = passivityForce(settings_.passivity, observer, input.device_velocity, input.dt);
+  if (!damping.isZero(0.0)) out.flags.set(TickFlag::passivity_damped);
+  out.wrench.head<3>() += damping;
+
+  out.wrench = clamp(out.wrench, out.flags);
+  out.wrench = limitSlew(out.wrench, input.dt, out.flags);
+  previous_ = out.wrench;
+  if (input.since_start < settings_.start_ramp) {
+    out.wrench *= std::max(0.0, input.since_start / settings_.start_ramp);
+    out.flags.set(TickFlag::ramping);
+  }
+  return out;
+}
+
+double SafetyChain::updateWatchdog(double model_age, double dt, TickFlags& flags) noexcept {
+  const bool stale = !(model_age <= settings_.model_age_limit);
+  const double change = settings_.model_decay > dt ? dt / settings_.model_decay : 1.0;
+  watchdog_gain_ = std::clamp(watchdog_gain_ + (stale ? -change : change), 0.0, 1.0);
+  if (watchdog_gain_ < 1.0) flags.set(TickFlag::model_stale);
+  return watchdog_gain_;
+}
+
+Vec6 SafetyChain::clamp(const Vec6& wrench, TickFlags& flags) const noexcept {
+  Vec6 result = wrench;
+  if (cutNorm(result.head<3>(), settings_.peak_force)) flags.set(TickFlag::force_clamped);
+  if (cutNorm(result.tail<3>(), settings_.peak_torque)) flags.set(TickFlag::torque_clamped);
+  return result;
+}
+
+Vec6 SafetyChain::limitSlew(const Vec6& wrench, double dt, TickFlags& flags) const noexcept {
+  Vec6 change = wrench - previous_;
+  const bool force = cutNorm(change.head<3>(), settings_.force_slew * dt);
+  const bool torque = cutNorm(change.tail<3>(), settings_.torque_slew * dt);
+  if (!force && !torque) return wrench;
+  flags.set(TickFlag::slew_limited);
+  return previous_ + change;
+}
+
+}  // namespace palpate

@@ -1,0 +1,62 @@
+#pragma once
+
+#include "palpate/haptics/device_state.h"
+#include "palpate/haptics/passivity.h"
+#include "palpate/haptics/tick_flags.h"
+
+namespace palpate {
+
+/// Last stage before the device. An infinite limit switches a stage off.
+struct SafetySettings {
+  double peak_force = 3.3;        ///< norm of the force is cut to this, direction kept [N]
+  double peak_torque = 0.1;       ///< [N m]; 0: no torque at all
+  double force_slew = 3000.0;     ///< largest change of the force [N/s]; a wall of 1 kN/m struck at 1 m/s needs a third
+  double torque_slew = 90.0;      ///< [N m/s]
+  double start_ramp = 0.0;        ///< force fades in during this time after the start [s]; 0 for simulated devices
+  double model_age_limit = 0.25;  ///< watchdog: wrench fades out while the model is older [s]; see modelAgeLimit()
+  double model_decay = 0.1;       ///< time of that fading, and of fading in again [s]
+  PassivitySettings passivity;
+};
+
+/// Limits of a device, the rest by default.
+SafetySettings safetyForDevice(const DeviceLimits& limits);
+
+/// Age [s] at which a model is stale: four visual steps more than what `latency` explains.
+double modelAgeLimit(double visual_step, int latency);
+
+/// non-finite to zero -> watchdog -> passivity controller -> norm clamp -> slew limit -> start ramp
+class SafetyChain {
+ public:
+  /// @throws InputError for a limit that is negative or not a number
+  explicit SafetyChain(const SafetySettings& settings);
+
+  struct Input {
+    Vec6 wrench;           ///< wanted on the device [N; N m]
+    double since_start;    ///< [s]
+    double model_age;      ///< [s]
+    double dt;             ///< [s]
+    Vec3 device_velocity;  ///< [m/s]
+  };
+  struct Output {
+    Vec6 wrench;
+    TickFlags flags;
+  };
+
+  /// Forgets the past; the first wrench may be this one without a slew.
+  /// @return what is sent at the start
+  Vec6 start(const Vec6& wrench) noexcept;
+  Output process(const Input& input, const PassivityObserver& observer) noexcept;
+
+  const SafetySettings& settings() const noexcept { return settings_; }
+
+ private:
+  double updateWatchdog(double model_age, double dt, TickFlags& flags) noexcept;
+  Vec6 clamp(const Vec6& wrench, TickFlags& flags) const noexcept;
+  Vec6 limitSlew(const Vec6& wrench, double dt, TickFlags& flags) const noexcept;
+
+  SafetySettings settings_;
+  Vec6 previous_ = Vec6::Zero();  // before the ramp
+  double watchdog_gain_ = 1.0;
+};
+
+}  // namespace palpate

@@ -1,0 +1,324 @@
+#include "palpate/linearization/linearize.h"
+
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include "palpate/linearization/coupling_derivative.h"
+#include "palpate/math/rotation.h"
+
+namespace palpate {
+namespace {
+
+using Mat6X = Eigen::Matrix<double, 6, Eigen::Dynamic>;
+using Mat612 = Eigen::Matrix<double, 6, 12>;  // columns: six by pose, six by twist
+
+/// -dr/dinput of the handle's rows at fixed u, v_t, lambda, without the tool's elastic forces.
+struct HandleInputs {
+  Mat6 pose = Mat6::Zero();
+  Mat6 twist = Mat6::Zero();
+};
+
+// c(x) of leftJacobianInverse and its derivative by x
+double jacobianCurvatureSlope(double x) {
+  if (x < 0.05) return x / 360.0 + x * x * x / 7560.0;
+  const double s = std::sin(x);
+  const double denominator = 2.0 * x * s;
+  const double slope = 2.0 * s + 2.0 * x * std::cos(x);
+  return -2.0 / (x * x * x) + (s * denominator + (1.0 + std::cos(x)) * slope) / (denominator * denominator);
+}
+
+double jacobianCurvature(double x) {
+  return x < 1e-3 ? 1.0 / 12.0 + x * x / 720.0 : 1.0 / (x * x) - (1.0 + std::cos(x)) / (2.0 * x * std::sin(x));
+}
+
+// d/dtheta of sym(Jl^-1(theta)) w = w + c(|theta|) theta x (theta x w)
+Mat3 linkJacobianDerivative(const Vec3& theta, const Vec3& w) {
+  const double angle = theta.norm();
+  const double c = jacobianCurvature(angle);
+  Mat3 d = c * (-skew(theta.cross(w)) - skew(theta) * skew(w));
+  if (angle > 1e-12) {
+    d += jacobianCurvatureSlope(angle) / angle * theta.cross(theta.cross(w)) * theta.transpose();
+  }
+  return d;
+}
+
+HandleInputs handleInputs(const Body& tool, Derivative derivative) {
+  HandleInputs out;
+  const StepInput& input = tool.input();
+  const double h = input.step;
+  const Mat3 r = tool.startPose().matrix();
+  const Mat3 inertia = r * tool.handle().inertia * r.transpose();
+  const Vec3 w0 = tool.startTwist().tail<3>();
+  const Vec3 w = tool.endTwist().tail<3>();
+  const Vec3 theta = logRotation(tool.startPose().rotation * input.device.pose.rotation.conjugate());
+  const Mat3 jacobian = leftJacobianInverse(theta);
+
+  out.pose.topLeftCorner<3, 3>() = -h * input.link.stiffness * Mat3::Identity();
+  // gyroscopic term -w0 x I w0, with I = R I R^T turning
+  Mat3 turn = -h * input.link.rotational_stiffness * jacobian +
+              h * (skew(w0) * skew(inertia * w0) - skew(w0) * inertia * skew(w0));
+  if (derivative == Derivative::full) {
+    // M_h (u - u0) and the damping alpha of the attached mass, with their inertias turning
+    const auto inertiaTurn = [](const Mat3& i, const Vec3& a) -> Mat3 { return -skew(i * a) + i * skew(a); };
+    turn -= inertiaTurn(inertia, w - w0);
+    turn -= h * tool.elasticity().material().damping_alpha *
+            inertiaTurn(r * tool.handle().attached_inertia * r.transpose(), w);
+    turn -= h * h * input.link.rotational_stiffness * linkJacobianDerivative(theta, w) * jacobian;
+  }
+  out.pose.bottomRightCorner<3, 3>() = turn;
+  out.twist = tool.handleMassAtStart();
+  out.twist.bottomRightCorner<3, 3>() += h * (skew(inertia * w0) - skew(w0) * inertia);
+  return out;
+}
+
+/// Contact on the handle's part of the surface: how its rows and its wrench turn with the handle.
+struct HandleContactTurn {
+  MatX rows;                   ///< d(J_h) u by pose, rows x 6
+  Mat6 wrench = Mat6::Zero();  ///< d(J_h^T) lambda by pose
+};
+
+HandleContactTurn handleContactTurn(const Body& tool, const ContactSet& set, int self) {
+  HandleContactTurn out;
+  out.rows.setZero(static_cast<Eigen::Index>(3 * set.contacts.size()), 6);
+  const Mat3 r = tool.startPose().matrix();
+  const Vec3 w = tool.endTwist().tail<3>();
+  for (std::size_t i = 0; i < set.contacts.size(); ++i) {
+    const auto row = static_cast<Eigen::Index>(3 * i);
+    const Mat3 frame = set.contacts[i].frame();
+    const Vec3 impulse = frame.transpose() * set.impulse.segment<3>(row);
+    const auto addPoint = [&](const ContactPoint& point, double sign) {
+      if (point.body != self) return;
+      for (int k = 0; k < 4; ++k) {
+        const int index = tool.attachedIndex()[point.node[k]];
+        if (index < 0) continue;
+        const Mat3 lever = skew(r * tool.handle().offsets[index]);
+        out.rows.block<3, 3>(row, 3) -= sign * point.weight[k] * frame * skew(w) * lever;
+        out.wrench.bottomRightCorner<3, 3>() += sign * point.weight[k] * skew(impulse) * lever;
+      }
+    };
+    addPoint(set.contacts[i].first, 1.0);
+    addPoint(set.contacts[i].second, -1.0);
+  }
+  return out;
+}
+
+int toolIndex(const World& world) {
+  for (int i = 0; i < world.bodies(); ++i) {
+    if (&world.body(i) == &world.tool()) return i;
+  }
+  return -1;
+}
+
+// Active contacts whose normal rows are independent: pivoted Cholesky of W_nn, dropping what others determine to a
+// tenth.
+std::vector<char> wellConditioned(const ContactSet& set) {
+  constexpr double kIndependent = 0.1;  // of the contact's own compliance, once those chosen before it are held
+  std::vector<int> active;
+  for (std::size_t i = 0; i < set.contacts.size(); ++i) {
+    if (set.status[i].state != ContactState::open) active.push_back(static_cast<int>(i));
+  }
+  const auto n = static_cast<Eigen::Index>(active.size());
+  std::vector<char> chosen(set.contacts.size(), 0);
+  VecX rest(n);
+  for (Eigen::Index i = 0; i < n; ++i) rest[i] = set.delassus(3 * active[i], 3 * active[i]);
+  const VecX full = rest;
+  MatX factor(n, n);
+  for (Eigen::Index k = 0; k < n; ++k) {
+    Eigen::Index pivot = 0;
+    const double share = rest.cwiseQuotient(full.cwiseMax(1e-300)).maxCoeff(&pivot);
+    if (!(share > kIndependent)) break;
+    chosen[active[pivot]] = 1;
+    for (Eigen::Index i = 0; i < n; ++i) factor(i, k) = set.delassus(3 * active[i], 3 * active[pivot]);
+    if (k > 0) factor.col(k) -= factor.leftCols(k) * factor.row(pivot).head(k).transpose();
+    factor.col(k) /= std::sqrt(rest[pivot]);
+    rest -= factor.col(k).cwiseAbs2();
+    rest[pivot] = 0;
+  }
+  return chosen;
+}
+
+// dlambda for given changes of the rows' free velocity and of the constraint, [rows x 12]
+MatX impulseResponse(const ContactSet& set, const FrictionCone& cone, const VecX& row_velocity, DelassusModel model,
+                     const MatX& free_change, const MatX& given) {
+  ContactSet subset;
+  const ContactSet* used = &set;
+  if (model == DelassusModel::diagonal) {
+    subset.status = set.status;
+    const std::vector<char> keep = wellConditioned(set);
+    for (std::size_t i = 0; i < keep.size(); ++i) {
+      if (!keep[i]) subset.status[i].state = ContactState::open;
+    }
+    subset.contacts = set.contacts;
+    subset.impulse = set.impulse;
+    used = &subset;
+  }
+  const ContactResponse law = contactResponse(*used, cone, row_velocity);
+  const MatX right = law.c.transpose() * (given - free_change);
+  if (model == DelassusModel::diagonal) {
+    VecX diagonal(law.d.size());
+    for (Eigen::Index k = 0; k < diagonal.size(); ++k) {
+      // columns of B and C touch the three rows of one contact
+      Eigen::Index first = 0;
+      while (law.b.col(k).segment<3>(first).isZero(0.0)) first += 3;
+      diagonal[k] =
+          law.c.col(k).segment<3>(first).dot(set.delassus.block<3, 3>(first, first) * law.b.col(k).segment<3>(first)) +
+          law.d[k];
+    }
+    return law.b * diagonal.cwiseInverse().asDiagonal() * right;
+  }
+  MatX q = law.c.transpose() * set.delassus * law.b;
+  q.diagonal() += law.d;
+  // redundant contacts leave q singular but consistent: a shift far below its entries changes no force
+  q.diagonal().array() += 1e-11 * q.diagonal().cwiseAbs().maxCoeff();
+  return law.b * q.partialPivLu().solve(right);
+}
+
+}  // namespace
+
+ContactResponse contactResponse(const ContactSet& set, const FrictionCone& cone, const VecX& row_velocity) {
+  const auto m = static_cast<Eigen::Index>(set.contacts.size());
+  ContactResponse out;
+  out.b.setZero(3 * m, 3 * m);
+  out.c.setZero(3 * m, 3 * m);
+  out.d.setZero(3 * m);
+  Eigen::Index n = 0;
+  const auto add = [&](Eigen::Index row, const Vec3& b, const Vec3& c, double d) {
+    out.b.col(n).segment<3>(row) = b;
+    out.c.col(n).segment<3>(row) = c;
+    out.d[n++] = d;
+  };
+  for (Eigen::Index i = 0; i < m; ++i) {
+    const Eigen::Index row = 3 * i;
+    const double mu = set.contacts[i].friction;
+    const Vec3 normal = Vec3::UnitX();
+    switch (set.status[i].state) {
+      case ContactState::open:
+        break;
+      case ContactState::stick:
+        for (int k = 0; k < 3; ++k) add(row, Vec3::Unit(k), Vec3::Unit(k), 0.0);
+        break;
+      case ContactState::vertex:
+        add(row, normal + mu * vertexDirection(set.status[i].index, cone.facets), normal, 0.0);
+        break;
+      case ContactState::edge: {
+        const double apothem = mu * std::cos(M_PI / cone.facets);
+        const Vec3 along = edgeTangent(set.status[i].index, cone.facets);
+        add(row, normal + apothem * edgeNormal(set.status[i].index, cone.facets), normal, 0.0);
+        add(row, along, along, 0.0);
+        break;
+      }
+      case ContactState::slide: {
+        const double normal_impulse = set.impulse[row];
+        const Vec3 slip(0, row_velocity[row + 1], row_velocity[row + 2]);
+        const double speed = slip.norm();
+        if (mu == 0 || speed == 0 || normal_impulse <= 0) {
+          add(row, normal, normal, 0.0);
+          break;
+        }
+        // lambda_t = -mu lambda_n t with t = slip / speed: across t it turns with the slip,
+        // dlambda_t = -(mu lambda_n / speed) (I - t t^T) dslip
+        const Vec3 along = slip / speed;
+        const Vec3 across(0, -along.z(), along.y());
+        add(row, normal - mu * along, normal, 0.0);
+        add(row, across, across, speed / (mu * normal_impulse));
+        break;
+      }
+    }
+  }
+  out.b.conservativeResize(Eigen::NoChange, n);
+  out.c.conservativeResize(Eigen::NoChange, n);
+  out.d.conservativeResize(n);
+  return out;
+}
+
+Vec6 couplingWrench(const World& world) {
+  const Body& tool = world.tool();
+  Vec6 wrench = couplingForces(tool).wrench;
+  const ContactSet& set = world.toolContacts();
+  if (!set.rows.empty()) wrench += set.rows.front().handle * set.impulse / tool.input().step;
+  return wrench;
+}
+
+HandleModel linearize(World& world, const LinearizationSettings& settings, double time) {
+  Body& tool = world.tool();
+  const ContactSet& set = world.toolContacts();
+  const double h = tool.input().step;
+  const double stiffness_time = h + tool.elasticity().material().damping_beta;
+  const bool full = settings.derivative == Derivative::full;
+  const bool touching = set.active() > 0;
+  const CouplingForces forces = couplingForces(tool);
+  const HandleInputs inputs = handleInputs(tool, settings.derivative);
+
+  // Steps 2 and 3: derivatives of the right-hand sides. The tool's frozen part is -h K_TH G = -A_th h / c.
+  const double scale = -h / tool.stiffnessScale();
+  const Mat6 q = tool.coupling().transpose() * tool.response();  // A_ht A_tt^-1 A_th
+  Mat6 tool_part = scale * q;                                    // X^T db_t by pose
+  Mat6 handle_part = inputs.pose - h * tool.handleStiffness() + h * forces.lever_start;
+  Mat6 force_part = -tool.handleStiffness() + forces.lever_end;  // dFc/dpose at fixed u, v_t
+  MatX extra_rows;                                               // J_t A_tt^-1 of the full derivative's extra columns
+  HandleContactTurn turn;
+  if (full) {
+    const RotationTerms terms = rotationTerms(tool);
+    MatX response = h * terms.free;
+    tool_part += tool.response().transpose() * response;
+    handle_part += h * (terms.handle + forces.lever_end - forces.lever_start);
+    force_part += terms.handle;
+    if (touching) {
+      turn = handleContactTurn(tool, set, toolIndex(world));
+      handle_part += turn.wrench;
+      force_part += turn.wrench / h;
+      tool.factor().halfSolve(response);
+      const Eigen::Index k = set.rows.front().half.rows();
+      extra_rows = set.rows.front().half.transpose() * response.bottomRows(k);
+    }
+  }
+  Mat612 b_h;
+  b_h.leftCols<6>() = handle_part;
+  b_h.rightCols<6>() = inputs.twist;
+  Mat612 x_b = Mat612::Zero();
+  x_b.leftCols<6>() = tool_part;
+
+  // Step 4: derivatives of the velocities, without and then with the active contacts' impulses. Of v_t only A_ht v_t is
+  // needed, and X gives it.
+  Mat612 du = tool.handleSchurInverse() * (b_h - x_b);
+  Mat612 a_ht_dv = x_b;
+  MatX dlambda;
+  if (touching) {
+    const Body::ContactRows& rows = set.rows.front();
+    const Mat6X j_t_x = rows.handle - rows.z;  // (J_t X)^T
+    MatX free_change = rows.z.transpose() * du;
+    free_change.leftCols<6>() += scale * j_t_x.transpose();
+    MatX given = MatX::Zero(free_change.rows(), 12);
+    for (Eigen::Index r = 0; r < given.rows(); r += 3) given.row(r).head<6>() = -rows.handle.col(r).transpose() / h;
+    VecX row_velocity = set.delassus * set.impulse + set.free;
+    if (full) {
+      free_change.leftCols<6>() += extra_rows;
+      given.leftCols<6>() -= turn.rows;
+    }
+    dlambda = impulseResponse(set, world.contact.cone, row_velocity, settings.delassus, free_change, given);
+    du += tool.handleSchurInverse() * (rows.z * dlambda);
+    a_ht_dv += j_t_x * dlambda;
+  }
+  a_ht_dv -= q * du;
+
+  // Steps 5 and 6: of the coupling wrench. (h K_HT + D_HT) v_t = A_ht v_t / h.
+  Mat612 df = -stiffness_time * tool.handleStiffness() * du - a_ht_dv / h;
+  df.leftCols<6>() += force_part;
+  if (touching) df += set.rows.front().handle * dlambda / h;
+
+  HandleModel model;
+  model.force = couplingWrench(world);
+  model.pose = tool.startPose();
+  model.twist = tool.startTwist();
+  model.kx = df.leftCols<6>();
+  model.kv = df.rightCols<6>();
+  model.handle_pose = advance(tool.startPose(), h * tool.endTwist());
+  model.handle_twist = tool.endTwist();
+  model.time = time;
+  model.step = h;
+  return model;
+}
+
+}  // namespace palpate

@@ -1,0 +1,92 @@
+#include "palpate/mesh/alien.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "palpate/common/error.h"
+
+namespace palpate {
+namespace {
+
+// All lengths in heights; the right half (+x), mirrored.
+const Vec3 head_center(0, 0.005, 0.745);
+const Vec3 head_radii(0.235, 0.205, 0.255);
+const Vec3 trunk_low(0, 0, 0.285);
+const Vec3 trunk_high(0, 0, 0.42);
+const Vec3 shoulder(0.06, 0, 0.43);
+const Vec3 elbow(0.20, -0.01, 0.375);
+const Vec3 hand_center(0.325, 0.045, 0.32);
+const Vec3 hip(0.052, 0, 0.255);
+const Vec3 ankle(0.10, -0.012, 0.06);
+const Vec3 foot_center(0.108, 0.028, 0.036);
+const Vec3 eye_center(0.095, 0.165, 0.74);
+constexpr double hand_radius = 0.052;
+constexpr double foot_length = 0.088;
+
+double handDistance(const Vec3& x) {
+  double d = sphereDistance(x, hand_center, hand_radius);
+  const Vec3 palm = hand_center;
+  for (const Vec3& tip : {Vec3(0.395, 0.05, 0.345), Vec3(0.395, 0.075, 0.295), Vec3(0.315, 0.115, 0.325)})
+    d = smoothUnion(d, taperedCapsuleDistance(x, palm, tip, 0.032, 0.024), 0.02);
+  return d;
+}
+
+double legDistance(const Vec3& x) {
+  const double leg = taperedCapsuleDistance(x, hip, ankle, 0.044, 0.036);
+  const double foot = ellipsoidDistance(x, foot_center, Vec3(0.058, foot_length, 0.05));
+  return smoothUnion(leg, foot, 0.03);
+}
+
+double armDistance(const Vec3& x) {
+  const double upper = taperedCapsuleDistance(x, shoulder, elbow, 0.037, 0.033);
+  const double lower = taperedCapsuleDistance(x, elbow, hand_center, 0.033, 0.034);
+  return smoothUnion(smoothUnion(upper, lower, 0.02), handDistance(x), 0.025);
+}
+
+}  // namespace
+
+double alienDistance(const Vec3& point) {
+  const Vec3 x(std::abs(point.x()), point.y(), point.z());
+  const double skull = ellipsoidDistance(x, head_center, head_radii);
+  const double chin = ellipsoidDistance(x, Vec3(0, 0.02, 0.575), Vec3(0.13, 0.125, 0.105));
+  double d = smoothUnion(skull, chin, 0.08);
+  d = smoothUnion(d, ellipsoidDistance(x, eye_center, Vec3(0.058, 0.045, 0.078)), 0.012);
+  const double trunk = taperedCapsuleDistance(x, trunk_low, trunk_high, 0.098, 0.078);
+  d = smoothUnion(d, trunk, 0.05);
+  d = smoothUnion(d, armDistance(x), 0.03);
+  d = smoothUnion(d, legDistance(x), 0.03);
+  // Flat soles with a rounded rim.
+  return smoothIntersection(d, -x.z(), 0.02);
+}
+
+Alien makeAlien(const AlienOptions& options) {
+  if (!(options.height > 0) || !std::isfinite(options.height))
+    throw InputError("alien", "height", "must be positive and finite");
+  if (!(options.resolution >= 0.005 && options.resolution <= 0.04))
+    throw InputError("alien", "resolution", "must be 0.005 to 0.04 of the height");
+  const Bounds box{Vec3(-0.5, -0.3, -0.06), Vec3(0.5, 0.32, 1.06)};
+  Alien alien;
+  alien.surface = meshImplicit(alienDistance, box, options.resolution);
+  const Bounds bounds = boundsOf(alien.surface.vertices);
+  const double scale = options.height / (bounds.high.z() - bounds.low.z());
+  const auto place = [&](const Vec3& x) -> Vec3 { return scale * (x - Vec3(0, 0, bounds.low.z())); };
+  const auto mirrored = [](const Vec3& x) { return Vec3(-x.x(), x.y(), x.z()); };
+  for (Vec3& x : alien.surface.vertices) {
+    x = place(x);
+    x.z() = std::max(x.z(), 0.0);
+  }
+  AlienLandmarks& marks = alien.landmarks;
+  marks.height = options.height;
+  marks.head = place(head_center);
+  marks.head_radius = scale * head_radii.minCoeff();
+  marks.trunk = place(0.5 * (trunk_low + trunk_high));
+  marks.right_hand = place(hand_center);
+  marks.left_hand = place(mirrored(hand_center));
+  marks.hand_radius = scale * hand_radius;
+  marks.right_foot = place(foot_center);
+  marks.left_foot = place(mirrored(foot_center));
+  marks.foot_radius = scale * foot_length;
+  return alien;
+}
+
+}  // namespace palpate

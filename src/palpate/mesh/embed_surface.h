@@ -1,0 +1,51 @@
+#pragma once
+
+#include <string>
+
+#include "palpate/mesh/surface_repair.h"
+#include "palpate/mesh/types.h"
+
+namespace palpate {
+
+struct EmbedOptions {
+  int target_tetrahedra = 300;    ///< wanted count, 1 to 200,000; the cell size is searched for it
+  double cell_size = 0;           ///< [m]; if positive, this cell size is used and the target ignored
+  double count_tolerance = 0.02;  ///< the search stops when the count is this close, relative
+  double smallest_fill =
+      0.05;  ///< pieces that fill less than this of their tetrahedron go to a neighbor if that is sound
+  /// Tell separate pieces of the solid in one lattice tetrahedron apart (Molino et al. 2004). Without, limbs that share
+  /// a lattice tetrahedron are fused; kept for comparison.
+  bool virtual_nodes = true;
+  std::string name = "surface";  ///< for messages
+};
+
+struct EmbedReport {
+  RepairReport repair;
+  int tetrahedra = 0;
+  int nodes = 0;
+  int components = 0;         ///< of the simulation mesh, connected by nodes
+  int solid_components = 0;   ///< of the surface, cavities not counted
+  int split_tetrahedra = 0;   ///< lattice tetrahedra with more than one copy
+  int merged_slivers = 0;     ///< pieces given to a neighbor
+  double cell_size = 0;       ///< [m]
+  int subdivision = 0;        ///< samples a tetrahedron: its cube
+  int trials = 0;             ///< cell sizes tried
+  double surface_volume = 0;  ///< [m^3] holes capped
+  double sampled_volume = 0;  ///< [m^3] before it was matched to the surface's
+  double mesh_volume = 0;     ///< [m^3] sum of fill * volume
+  double center_error = 0;    ///< [m] distance of the mesh's center of mass from the surface's
+  int vertices_outside = 0;   ///< surface vertices with a weight below -1e-9
+  double smallest_weight = 0;
+  double smallest_fill = 0;
+  double smallest_dihedral_deg = 0;
+  double worst_radius_ratio = 0;  ///< 3 inradius / circumradius, 1 is regular
+  double seconds = 0;
+};
+
+/// Simulation mesh of a surface: a body-centered cubic lattice cut to the solid, with virtual nodes, the surface
+/// embedded. The surface is repaired first (see repairSurface); holes, flipped triangles and duplicate vertices are
+/// survived. The result's surface is the repaired one. Total mass and center of mass are the surface's. Throws
+/// InputError(options.name, ...) if the surface bounds no volume or an option is out of range.
+SimulationMesh embedSurface(const Surface& surface, const EmbedOptions& options = {}, EmbedReport* report = nullptr);
+
+}  // namespace palpate

@@ -1,0 +1,27 @@
+#pragma once
+
+#include "palpate/mesh/types.h"
+
+namespace palpate {
+
+struct TetrahedraQuality {
+  double smallest_dihedral_deg = 0;
+  double largest_dihedral_deg = 0;
+  double worst_radius_ratio = 0;  ///< 3 inradius / circumradius, 1 for a regular tetrahedron, 0 for a flat one
+  double smallest_volume = 0;     ///< [m^3]
+  int components = 0;             ///< connected by nodes
+};
+TetrahedraQuality measureQuality(const TetrahedralMesh& mesh);
+
+struct TriangleQuality {
+  double smallest_angle_deg = 0;
+  double largest_angle_deg = 0;
+  double shortest_edge = 0;  ///< [m]
+  double longest_edge = 0;   ///< [m]
+};
+TriangleQuality measureQuality(const Surface& surface);
+
+/// Volume of a tetrahedron of the mesh [m^3], signed.
+double tetrahedronVolume(const TetrahedralMesh& mesh, const std::array<int, 4>& tetrahedron);
+
+}  // namespace palpate

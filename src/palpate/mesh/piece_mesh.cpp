@@ -1,0 +1,223 @@
+#include "palpate/mesh/piece_mesh.h"
+
+#include <algorithm>
+#include <map>
+#include <set>
+#include <unordered_map>
+
+namespace palpate {
+namespace {
+
+// A sliver may go to a tetrahedron in which none of its points has a weight below this: the embedding then stays close
+// to interpolation, and a contact force on the sliver does not turn into large opposite forces.
+constexpr double lowest_weight = -0.35;
+// A mesh component smaller than this share of the solid is a sampling crumb.
+constexpr double crumb_share = 1e-3;
+
+}  // namespace
+
+PieceMesh::PieceMesh(const BccLattice& lattice, const TetrahedronSubdivision& cut, SolidPieces solid,
+                     double smallest_fill, bool virtual_nodes)
+    : lattice_(lattice),
+      cut_(cut),
+      solid_(std::move(solid)),
+      classes_(4 * static_cast<int>(solid_.pieces.size())),
+      host_(solid_.pieces.size()),
+      linked_(solid_.pieces.size()),
+      absorbed_(solid_.pieces.size()) {
+  for (size_t p = 0; p < host_.size(); ++p) host_[p] = static_cast<int>(p);
+  for (const auto& link : solid_.links) {
+    linked_[static_cast<size_t>(link.piece)].push_back(link.other);
+    linked_[static_cast<size_t>(link.other)].push_back(link.piece);
+  }
+  uniteCorners(virtual_nodes);
+  mergeIdentical();
+  mergeSlivers(smallest_fill);
+  dropCrumbs();
+  for (size_t p = 0; p < host_.size(); ++p)
+    if (isKept(static_cast<int>(p))) kept_.push_back(static_cast<int>(p));
+}
+
+int PieceMesh::hostOf(int piece) const {
+  while (!isKept(piece)) piece = host_[static_cast<size_t>(piece)];
+  return piece;
+}
+
+void PieceMesh::uniteCorners(bool virtual_nodes) {
+  for (const auto& link : solid_.links)
+    for (const auto& [a, b] : link.corners) classes_.unite(4 * link.piece + a, 4 * link.other + b);
+  if (virtual_nodes) return;
+  std::unordered_map<int64_t, int> first;
+  for (size_t p = 0; p < solid_.pieces.size(); ++p) {
+    const auto points = lattice_.points(tetrahedronOf(static_cast<int>(p)));
+    for (int k = 0; k < 4; ++k) {
+      const int corner = 4 * static_cast<int>(p) + k;
+      const auto [it, fresh] = first.try_emplace(lattice_.pointIndex(points[static_cast<size_t>(k)]), corner);
+      if (!fresh) classes_.unite(it->second, corner);
+    }
+  }
+}
+
+void PieceMesh::mergeIdentical() {
+  std::map<std::array<int, 5>, int> seen;
+  for (int p = 0; p < static_cast<int>(host_.size()); ++p) {
+    const auto [it, fresh] = seen.try_emplace({solid_.pieces[static_cast<size_t>(p)].slot, nodeClass(p, 0),
+                                               nodeClass(p, 1), nodeClass(p, 2), nodeClass(p, 3)},
+                                              p);
+    if (!fresh) absorb(p, it->second);
+  }
+}
+
+void PieceMesh::absorb(int piece, int host) {
+  auto& from = solid_.pieces[static_cast<size_t>(piece)];
+  auto& to = solid_.pieces[static_cast<size_t>(host)];
+  if (from.slot == to.slot) {
+    to.moment += from.moment;
+  } else {
+    // Same mass at the same center, in the host's coordinates; what would be negative goes to the other corners.
+    const auto points = lattice_.points(tetrahedronOf(piece));
+    Vec3 center = Vec3::Zero();
+    for (size_t k = 0; k < 4; ++k)
+      center += from.moment[static_cast<Eigen::Index>(k)] / from.samples * lattice_.position(points[k]);
+    Vec4 w = lattice_.weights(tetrahedronOf(host), center).cwiseMax(0.0);
+    to.moment += from.samples * w / w.sum();
+  }
+  to.samples += from.samples;
+  host_[static_cast<size_t>(piece)] = host;
+  auto& list = absorbed_[static_cast<size_t>(host)];
+  list.push_back(piece);
+  auto& old = absorbed_[static_cast<size_t>(piece)];
+  list.insert(list.end(), old.begin(), old.end());
+  old.clear();
+  auto& links = linked_[static_cast<size_t>(host)];
+  links.insert(links.end(), linked_[static_cast<size_t>(piece)].begin(), linked_[static_cast<size_t>(piece)].end());
+}
+
+std::vector<int> PieceMesh::keptNeighbors(int piece) const {
+  std::set<int> neighbors;
+  for (int other : linked_[static_cast<size_t>(piece)]) neighbors.insert(hostOf(other));
+  neighbors.erase(piece);
+  return {neighbors.begin(), neighbors.end()};
+}
+
+void PieceMesh::mergeSlivers(double smallest_fill) {
+  const double limit = smallest_fill * cut_.count();
+  std::vector<int> small;
+  for (int p = 0; p < static_cast<int>(host_.size()); ++p)
+    if (isKept(p) && solid_.pieces[static_cast<size_t>(p)].samples < limit) small.push_back(p);
+  std::stable_sort(small.begin(), small.end(), [&](int a, int b) {
+    return solid_.pieces[static_cast<size_t>(a)].samples < solid_.pieces[static_cast<size_t>(b)].samples;
+  });
+  for (int p : small) {
+    if (!isKept(p) || solid_.pieces[static_cast<size_t>(p)].samples >= limit) continue;
+    merged_slivers_ += giveAway(p);
+  }
+}
+
+bool PieceMesh::giveAway(int piece) {
+  const std::vector<int> neighbors = keptNeighbors(piece);
+  if (neighbors.empty()) return false;
+  std::set<int> candidates(neighbors.begin(), neighbors.end());
+  for (int n : neighbors)
+    for (int far : keptNeighbors(n)) candidates.insert(far);
+  candidates.erase(piece);
+  int best = -1;
+  double best_weight = lowest_weight;
+  for (int c : candidates) {
+    const double w = worstWeight(piece, c);
+    if (w <= best_weight) continue;
+    best = c;
+    best_weight = w;
+  }
+  if (best < 0 || !staysConnected(piece, neighbors)) return false;
+  absorb(piece, best);
+  return true;
+}
+
+double PieceMesh::worstWeight(int piece, int host) const {
+  double worst = 1;
+  std::vector<int> members = absorbed_[static_cast<size_t>(piece)];
+  members.push_back(piece);
+  for (int member : members) {
+    const int slot = solid_.pieces[static_cast<size_t>(member)].slot;
+    const auto points = lattice_.points(solid_.tetrahedra[static_cast<size_t>(slot)]);
+    Eigen::Matrix4d corner_weights;
+    for (size_t k = 0; k < 4; ++k)
+      corner_weights.col(static_cast<Eigen::Index>(k)) =
+          lattice_.weights(tetrahedronOf(host), lattice_.position(points[k]));
+    for (int s = 0; s < cut_.count(); ++s) {
+      if (solid_.label[static_cast<size_t>(slot) * static_cast<size_t>(cut_.count()) + static_cast<size_t>(s)] !=
+          member)
+        continue;
+      worst = std::min(worst, (corner_weights * cut_.centers()[static_cast<size_t>(s)]).minCoeff());
+    }
+  }
+  return worst;
+}
+
+bool PieceMesh::staysConnected(int piece, const std::vector<int>& neighbors) const {
+  if (neighbors.size() <= 1) return true;
+  // Search among pieces within four faces of here: a longer way round would leave a hinge.
+  std::set<int> reached = {neighbors.front()};
+  std::vector<int> front = {neighbors.front()};
+  for (int round = 0; round < 4; ++round) {
+    std::vector<int> next;
+    for (int p : front)
+      for (int other : keptNeighbors(p))
+        if (other != piece && reached.insert(other).second) next.push_back(other);
+    front = std::move(next);
+  }
+  return std::all_of(neighbors.begin(), neighbors.end(), [&](int n) { return reached.count(n) > 0; });
+}
+
+int PieceMesh::components() {
+  DisjointSets sets(4 * static_cast<int>(host_.size()));
+  std::set<int> roots;
+  for (int p : kept_)
+    for (int k = 1; k < 4; ++k) sets.unite(nodeClass(p, 0), nodeClass(p, k));
+  for (int p : kept_) roots.insert(sets.find(nodeClass(p, 0)));
+  return static_cast<int>(roots.size());
+}
+
+void PieceMesh::dropCrumbs() {
+  DisjointSets sets(4 * static_cast<int>(host_.size()));
+  std::map<int, long long> size;
+  long long total = 0;
+  const auto kept_pieces = [&](auto visit) {
+    for (int p = 0; p < static_cast<int>(host_.size()); ++p)
+      if (isKept(p)) visit(p);
+  };
+  kept_pieces([&](int p) {
+    for (int k = 1; k < 4; ++k) sets.unite(nodeClass(p, 0), nodeClass(p, k));
+  });
+  kept_pieces([&](int p) {
+    size[sets.find(nodeClass(p, 0))] += solid_.pieces[static_cast<size_t>(p)].samples;
+    total += solid_.pieces[static_cast<size_t>(p)].samples;
+  });
+  if (size.size() <= 1) return;
+  std::vector<int> crumbs;
+  std::vector<int> rest;
+  kept_pieces([&](int p) {
+    const bool crumb = static_cast<double>(size[sets.find(nodeClass(p, 0))]) < crumb_share * static_cast<double>(total);
+    (crumb ? crumbs : rest).push_back(p);
+  });
+  if (rest.empty()) return;
+  for (int p : crumbs) {
+    int best = rest.front();
+    double best_weight = -1e300;
+    const auto points = lattice_.points(tetrahedronOf(p));
+    const Vec3 center = 0.25 * (lattice_.position(points[0]) + lattice_.position(points[1]) +
+                                lattice_.position(points[2]) + lattice_.position(points[3]));
+    for (int r : rest) {
+      const double w = lattice_.weights(tetrahedronOf(r), center).minCoeff();
+      if (w > best_weight) {
+        best = r;
+        best_weight = w;
+      }
+    }
+    absorb(p, best);
+    ++merged_slivers_;
+  }
+}
+
+}  // namespace palpate

@@ -1,0 +1,54 @@
+#pragma once
+
+#include <vector>
+
+#include "palpate/mesh/edge_table.h"
+#include "palpate/mesh/solid_pieces.h"
+
+namespace palpate {
+
+/// From pieces of solid to copies of lattice tetrahedra: unites the corners of linked pieces, merges copies that became
+/// the same, hands slivers to neighbors and drops crumbs that hang on nothing.
+class PieceMesh {
+ public:
+  PieceMesh(const BccLattice& lattice, const TetrahedronSubdivision& cut, SolidPieces solid, double smallest_fill,
+            bool virtual_nodes);
+
+  const SolidPieces& solid() const { return solid_; }
+  const std::vector<int>& kept() const { return kept_; }
+  int count() const { return static_cast<int>(kept_.size()); }
+  int mergedSlivers() const { return merged_slivers_; }
+  /// The kept piece that a piece has become part of.
+  int hostOf(int piece) const;
+  /// Class of a piece's corner: equal for corners that are one node.
+  int nodeClass(int piece, int corner) { return classes_.find(4 * piece + corner); }
+  /// Kept pieces near a kept piece: through one face.
+  std::vector<int> keptNeighbors(int piece) const;
+  int components();
+
+ private:
+  void uniteCorners(bool virtual_nodes);
+  void mergeIdentical();
+  void mergeSlivers(double smallest_fill);
+  void dropCrumbs();
+  bool giveAway(int piece);
+  bool staysConnected(int piece, const std::vector<int>& neighbors) const;
+  double worstWeight(int piece, int host) const;
+  void absorb(int piece, int host);
+  bool isKept(int piece) const { return host_[static_cast<size_t>(piece)] == piece; }
+  int64_t tetrahedronOf(int piece) const {
+    return solid_.tetrahedra[static_cast<size_t>(solid_.pieces[static_cast<size_t>(piece)].slot)];
+  }
+
+  const BccLattice& lattice_;
+  const TetrahedronSubdivision& cut_;
+  SolidPieces solid_;
+  DisjointSets classes_;
+  std::vector<int> host_;
+  std::vector<std::vector<int>> linked_;    ///< through faces, as the solid is connected
+  std::vector<std::vector<int>> absorbed_;  ///< original pieces that a kept piece stands for, besides itself
+  std::vector<int> kept_;
+  int merged_slivers_ = 0;
+};
+
+}  // namespace palpate

@@ -1,0 +1,32 @@
+#include "palpate/record/json_file.h"
+
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstdio>
+#include <cstring>
+#include <nlohmann/json.hpp>
+#include <string>
+
+#include "palpate/common/error.h"
+
+namespace palpate {
+
+void writeJson(const std::filesystem::path& path, const nlohmann::ordered_json& value) {
+  // Names from user files may hold bytes that are not UTF-8: replace them rather than fail.
+  writeWhole(path, value.dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n");
+}
+
+void writeWhole(const std::filesystem::path& path, std::string_view content) {
+  const std::string temporary = path.string() + ".partial-" + std::to_string(static_cast<long>(::getpid()));
+  std::FILE* file = std::fopen(temporary.c_str(), "wb");
+  if (!file) throw InputError(path.string(), "", std::string("cannot be written: ") + std::strerror(errno));
+  const bool written = std::fwrite(content.data(), 1, content.size(), file) == content.size();
+  const bool closed = std::fclose(file) == 0;
+  if (written && closed && std::rename(temporary.c_str(), path.c_str()) == 0) return;
+  const std::string cause = std::strerror(errno);
+  std::remove(temporary.c_str());
+  throw RunError(path.string() + ": cannot be written: " + cause);
+}
+
+}  // namespace palpate

@@ -1,0 +1,67 @@
+#include "palpate/record/output_folder.h"
+
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstring>
+#include <fstream>
+#include <system_error>
+#include <utility>
+
+#include "palpate/common/error.h"
+
+namespace palpate {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+std::string temporaryName(const std::string& name) {
+  return "." + name + ".partial-" + std::to_string(static_cast<long>(::getpid()));
+}
+
+void requireWritable(const fs::path& folder) {
+  const fs::path probe = folder / temporaryName("probe");
+  errno = 0;
+  const bool opened = std::ofstream(probe, std::ios::binary).is_open();
+  const int cause = errno;
+  std::error_code ignored;
+  fs::remove(probe, ignored);
+  if (!opened)
+    throw InputError(folder.string(), "", std::string("cannot write into this folder: ") + std::strerror(cause));
+}
+
+}  // namespace
+
+OutputFolder::OutputFolder(fs::path path) : path_(std::move(path)) {
+  if (path_.empty()) throw InputError("--out", "", "the name of the output folder is empty");
+  std::error_code status;
+  fs::create_directories(path_, status);
+  if (status) throw InputError(path_.string(), "", "cannot make this folder: " + status.message());
+  if (!fs::is_directory(path_, status)) throw InputError(path_.string(), "", "is not a folder");
+  requireWritable(path_);
+}
+
+OutputFolder::~OutputFolder() {
+  std::error_code ignored;
+  for (const Staged& file : staged_) fs::remove(file.temporary, ignored);
+}
+
+fs::path OutputFolder::stage(const std::string& name) {
+  staged_.push_back({path_ / temporaryName(name), path_ / name});
+  return staged_.back().temporary;
+}
+
+void OutputFolder::commit() {
+  std::error_code status;
+  for (const Staged& file : staged_) {
+    if (!fs::exists(file.temporary, status)) throw RunError(file.final.string() + ": was not written");
+  }
+  for (const Staged& file : staged_) {
+    fs::rename(file.temporary, file.final, status);
+    if (status) throw RunError(file.final.string() + ": cannot be put in place: " + status.message());
+  }
+  staged_.clear();
+}
+
+}  // namespace palpate

@@ -1,0 +1,63 @@
+#include "palpate/rigid/handle.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "palpate/common/error.h"
+#include "palpate/math/rotation.h"
+
+namespace palpate {
+
+Mat6 Handle::massMatrix() const {
+  Mat6 m = Mat6::Zero();
+  m.topLeftCorner<3, 3>().diagonal().setConstant(mass);
+  m.bottomRightCorner<3, 3>() = worldInertia();
+  return m;
+}
+
+Eigen::Matrix<double, 3, 6> Handle::jacobian(int k) const {
+  Eigen::Matrix<double, 3, 6> g;
+  g.leftCols<3>().setIdentity();
+  g.rightCols<3>() = -skew(pose.rotation * offsets[k]);
+  return g;
+}
+
+Vec3 Handle::nodeVelocity(int k) const {
+  return twist.head<3>() + Vec3(twist.tail<3>()).cross(pose.rotation * offsets[k]);
+}
+
+Handle makeHandle(const std::string& name, const std::vector<int>& nodes, const std::vector<Vec3>& positions,
+                  const std::vector<double>& masses, double own_mass, const Vec3& own_inertia, const Quat& rotation) {
+  if (nodes.empty()) throw InputError("handle " + name, "region", "holds no node of the simulation mesh");
+  if (!(own_mass > 0) || !std::isfinite(own_mass)) throw InputError("handle " + name, "mass", "must be positive");
+  Handle h;
+  h.name = name;
+  h.nodes = nodes;
+  Vec3 center = Vec3::Zero();
+  for (std::size_t i = 0; i < nodes.size(); ++i) {
+    h.attached_mass += masses[i];
+    center += masses[i] * positions[i];
+  }
+  if (h.attached_mass > 0) {
+    center /= h.attached_mass;
+  } else {  // massless nodes: their centroid
+    center.setZero();
+    for (const Vec3& p : positions) center += p / static_cast<double>(positions.size());
+  }
+  h.pose = {center, rotation.normalized()};
+  constexpr double kLeastRadius = 0.01;  // a handle is never smaller than what fingers hold
+  double radius = kLeastRadius;
+  for (std::size_t i = 0; i < nodes.size(); ++i) {
+    const Vec3 r = h.pose.rotation.conjugate() * (positions[i] - center);
+    h.offsets.push_back(r);
+    h.attached_inertia += masses[i] * (r.squaredNorm() * Mat3::Identity() - r * r.transpose());
+    radius = std::max(radius, r.norm());
+  }
+  h.mass = own_mass + h.attached_mass;
+  const double ball = 0.4 * own_mass * radius * radius;
+  h.inertia = h.attached_inertia;
+  for (int k = 0; k < 3; ++k) h.inertia(k, k) += own_inertia[k] > 0 ? own_inertia[k] : ball;
+  return h;
+}
+
+}  // namespace palpate

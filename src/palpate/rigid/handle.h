@@ -1,0 +1,44 @@
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "palpate/math/types.h"
+
+namespace palpate {
+
+/// Rigid handle with the tool's nodes that are attached to it: x_i = p + R r_i, velocity G_i u, G_i = [I, -[R r_i]x].
+/// Its origin p is the center of mass of handle and attached nodes; the handle's own mass is centered on the attached
+/// nodes' center of mass, so no weight has a moment about p.
+struct Handle {
+  std::string name;
+  std::vector<int> nodes;                ///< attached nodes of the tool's mesh
+  std::vector<Vec3> offsets;             ///< r_i in the handle's frame, one an attached node [m]
+  double mass = 0;                       ///< handle and attached nodes [kg]
+  Mat3 inertia = Mat3::Zero();           ///< handle and attached nodes, about p, handle's frame [kg m^2]
+  double attached_mass = 0;              ///< attached nodes alone [kg]
+  Mat3 attached_inertia = Mat3::Zero();  ///< attached nodes alone, about p, handle's frame [kg m^2]
+  Pose pose;
+  Vec6 twist = Vec6::Zero();
+
+  /// R I R^T [kg m^2].
+  Mat3 worldInertia() const { return pose.matrix() * inertia * pose.matrix().transpose(); }
+  /// M_h, 6x6: mass and world inertia.
+  Mat6 massMatrix() const;
+  /// G_i of the k-th attached node, 3x6, at the present pose.
+  Eigen::Matrix<double, 3, 6> jacobian(int k) const;
+  Vec3 nodePosition(int k) const { return pose.apply(offsets[k]); }
+  Vec3 nodeVelocity(int k) const;
+};
+
+/// Handle on the given nodes.
+/// @param positions  of the attached nodes [m], world
+/// @param masses     of the attached nodes [kg]
+/// @param own_mass   of the handle itself [kg], > 0
+/// @param own_inertia  diagonal, handle's frame [kg m^2]; where not positive, that of a ball that reaches the nodes
+/// @param rotation   the handle's frame at the start
+/// @throws InputError if there is no node or the mass is not positive
+Handle makeHandle(const std::string& name, const std::vector<int>& nodes, const std::vector<Vec3>& positions,
+                  const std::vector<double>& masses, double own_mass, const Vec3& own_inertia, const Quat& rotation);
+
+}  // namespace palpate

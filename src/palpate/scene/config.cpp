@@ -1,0 +1,91 @@
+#include "palpate/scene/config.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "palpate/scene/checks.h"
+#include "palpate/scene/limits.h"
+
+namespace palpate {
+namespace {
+
+template <typename Enum>
+const char* spelling(const std::vector<std::string>& names, Enum value) {
+  return names.at(static_cast<std::size_t>(value)).c_str();
+}
+
+/// Tetrahedra that a body asks for; 0 for a file, which the mesh reader bounds.
+double wantedTetrahedra(const BodyConfig& body) {
+  if (std::holds_alternative<TetrahedraFileShapeConfig>(body.shape)) return 0.0;
+  if (const auto* bar = std::get_if<BarShapeConfig>(&body.shape))
+    return 6.0 * bar->cells[0] * bar->cells[1] * bar->cells[2];
+  return body.tetrahedra;
+}
+
+}  // namespace
+
+const std::vector<std::string>& methodNames() {
+  static const std::vector<std::string> names{"hsl", "hsl-exact", "vc"};
+  return names;
+}
+const std::vector<std::string>& aimNames() {
+  static const std::vector<std::string> names{"sample", "predicted"};
+  return names;
+}
+const std::vector<std::string>& derivativeNames() {
+  static const std::vector<std::string> names{"frozen", "full"};
+  return names;
+}
+const std::vector<std::string>& deviceNames() {
+  static const std::vector<std::string> names{"simulated", "prescribed", "recorded"};
+  return names;
+}
+const std::vector<std::string>& coneNames() {
+  static const std::vector<std::string> names{"polyhedral", "exact"};
+  return names;
+}
+const std::vector<std::string>& alienLandmarkNames() {
+  static const std::vector<std::string> names{"head", "trunk", "left_hand", "right_hand", "left_foot", "right_foot"};
+  return names;
+}
+
+const char* toString(MethodName method) { return spelling(methodNames(), method); }
+const char* toString(AimName aim) { return spelling(aimNames(), aim); }
+const char* toString(DerivativeName derivative) { return spelling(derivativeNames(), derivative); }
+const char* toString(DeviceName device) { return spelling(deviceNames(), device); }
+
+const HandleConfig& ToolConfig::chosenHandle() const {
+  const auto chosen = [&](const HandleConfig& candidate) { return candidate.name == handle; };
+  return *std::find_if(handles.begin(), handles.end(), chosen);
+}
+
+int SceneConfig::ticksPerStep() const { return static_cast<int>(std::lround(visual_step / haptic_step)); }
+
+std::optional<std::string> timingObjection(const SceneConfig& config) {
+  const double ratio = config.visual_step / config.haptic_step;
+  if (ratio < 0.5 || std::abs(ratio - std::round(ratio)) > 1e-6 * ratio)
+    return fmt::format("{:g} s is not a whole multiple of the haptic step, {:g} s", config.visual_step,
+                       config.haptic_step);
+  if (config.duration / config.haptic_step > limits::ticks)
+    return fmt::format("{:g} s at a haptic step of {:g} s are more than {:g} ticks", config.duration,
+                       config.haptic_step, limits::ticks);
+  return std::nullopt;
+}
+
+std::optional<std::string> sizeObjection(const SceneConfig& config) {
+  double total = wantedTetrahedra(config.tool);
+  for (const FreeBodyConfig& body : config.bodies) total += wantedTetrahedra(body);
+  if (total <= limits::tetrahedra) return std::nullopt;
+  return fmt::format("the scene asks for {:.0f} tetrahedra; at most {} are allowed", total, limits::tetrahedra);
+}
+
+std::optional<std::string> handleObjection(const ToolConfig& tool, const std::string& handle) {
+  std::vector<std::string> names;
+  for (const HandleConfig& candidate : tool.handles) names.push_back(candidate.name);
+  if (std::find(names.begin(), names.end(), handle) != names.end()) return std::nullopt;
+  return fmt::format("the tool has no handle {}; the nearest is \"{}\"", shownText(handle), nearestWord(handle, names));
+}
+
+}  // namespace palpate

@@ -1,0 +1,266 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <variant>
+#include <vector>
+
+#include "palpate/devices/device.h"
+#include "palpate/math/types.h"
+#include "palpate/solver/contact_solver.h"
+
+namespace palpate {
+
+// A scene as its file states it: plain values in SI units, angles in radians (the file has degrees), z up,
+// right-handed. Everything here has been checked by the reader (scene/reader.h): numbers are finite and in range, names
+// are unique, references lead somewhere. What only a mesh can tell, e.g. whether a region holds nodes, is the builder's
+// to check.
+
+/// How the haptic loop makes its force; `hsl`, `hsl-exact` and `vc` in files.
+enum class MethodName { hsl, hsl_exact, vc };
+/// What the visual handle is pulled towards: the device sample, or where the device will be when the model is used.
+enum class AimName { sample, predicted };
+/// Derivative of the step that the handle model holds: stiffness and element rotations frozen, or everything live.
+enum class DerivativeName { frozen, full };
+/// Where the device's motion comes from: a hand model that pulls the device's mass along the handle's keyframes, the
+/// keyframes themselves, or a recording.
+enum class DeviceName { simulated, prescribed, recorded };
+/// Coordinate axis.
+enum class AxisName { x, y, z };
+
+/// The name that scene files and the command line use.
+const char* toString(MethodName method);
+const char* toString(AimName aim);
+const char* toString(DerivativeName derivative);
+const char* toString(DeviceName device);
+
+/// A file that a scene names.
+struct FileReference {
+  std::string file;     ///< as written: absolute, relative to the scene's folder or, with a package, to its data folder
+  std::string package;  ///< Debian package that brings the file; empty: none
+  std::filesystem::path path;  ///< where it was found; empty until resolveFiles() has run
+};
+
+// Shapes. Rest coordinates: a procedural shape stands on the origin, i.e. it is centred in x and y and its lowest point
+// is at z = 0. So does a surface that `size` scales; files are otherwise taken as they are.
+
+/// The procedural alien toy. It looks along +y, its right hand is at +x; the origin is between its feet.
+struct AlienShapeConfig {
+  double height = 0.2;       ///< from sole to crown [m]
+  double resolution = 0.02;  ///< of its surface, in heights; 0.02 gives about 5,500 triangles
+};
+/// Closed or nearly closed triangle surface, embedded in a lattice of tetrahedra.
+struct SurfaceShapeConfig {
+  FileReference file;
+  std::optional<double>
+      size;  ///< longest side of the scaled surface's bounding box [m]; absent: file's units are metres
+  AxisName up = AxisName::z;  ///< the file's axis that becomes z; y: (x, y, z) -> (x, -z, y), x: (x, y, z) -> (y, z, x)
+};
+/// Box filled with a regular grid, six tetrahedra a cell; nodes lie on its surface.
+struct BarShapeConfig {
+  Vec3 size = Vec3::Zero();  ///< full side lengths along x, y, z [m]
+  std::array<int, 3> cells{};
+};
+/// Box as a surface embedded in a lattice.
+struct BoxShapeConfig {
+  Vec3 size = Vec3::Zero();  ///< full side lengths along x, y, z [m]
+};
+/// Sphere as a surface embedded in a lattice.
+struct SphereShapeConfig {
+  double radius = 0.0;  ///< [m]
+};
+/// Capsule along z as a surface embedded in a lattice.
+struct CapsuleShapeConfig {
+  double radius = 0.0;  ///< [m]
+  double length = 0.0;  ///< from tip to tip [m], >= 2 radius
+};
+/// Tetrahedral mesh from a file, simulated as it is; its boundary is the surface.
+struct TetrahedraFileShapeConfig {
+  FileReference file;
+};
+using ShapeConfig = std::variant<AlienShapeConfig, SurfaceShapeConfig, BarShapeConfig, BoxShapeConfig,
+                                 SphereShapeConfig, CapsuleShapeConfig, TetrahedraFileShapeConfig>;
+
+/// Isotropic material with Rayleigh damping D = damping_alpha M + damping_beta K.
+struct MaterialConfig {
+  double youngs_modulus = 2e4;  ///< [Pa]
+  double poisson_ratio = 0.4;   ///< in (-1, 0.5)
+  double density = 1000.0;      ///< [kg/m^3]
+  double damping_alpha = 0.0;   ///< [1/s], drag against the world
+  double damping_beta = 0.002;  ///< [s]
+};
+
+/// What tool and bodies share.
+struct BodyConfig {
+  std::string name;
+  ShapeConfig shape;
+  int tetrahedra = 300;  ///< wanted count, for shapes that are embedded; BarShapeConfig and files have their own
+  Pose pose;             ///< of the rest frame in the world
+  MaterialConfig material;
+  std::optional<double> friction;  ///< coefficient; absent: ContactConfig::friction
+};
+
+/// A deformable body that nobody holds.
+struct FreeBodyConfig : BodyConfig {
+  Vec3 velocity = Vec3::Zero();          ///< at the start [m/s], world
+  Vec3 angular_velocity = Vec3::Zero();  ///< at the start [rad/s], world, about the rest frame's origin
+  bool settled = false;                  ///< starts in static equilibrium; otherwise in its rest shape
+};
+
+// Regions of a body, in its rest coordinates [m]; nodes on the boundary belong to them.
+
+struct SphereRegionConfig {
+  Vec3 center = Vec3::Zero();
+  double radius = 0.0;
+};
+struct BoxRegionConfig {
+  Vec3 min = Vec3::Zero();
+  Vec3 max = Vec3::Zero();
+};
+struct CapsuleRegionConfig {
+  Vec3 a = Vec3::Zero();  ///< ends of the axis
+  Vec3 b = Vec3::Zero();
+  double radius = 0.0;
+};
+/// Points x with normal . (x - point) >= 0.
+struct HalfspaceRegionConfig {
+  Vec3 point = Vec3::Zero();
+  Vec3 normal = Vec3::UnitZ();  ///< unit length
+};
+/// Sphere about a named place of the alien, e.g. "head" or "left_hand".
+struct LandmarkRegionConfig {
+  std::string landmark;
+  double radius = 0.0;
+};
+using RegionConfig =
+    std::variant<SphereRegionConfig, BoxRegionConfig, CapsuleRegionConfig, HalfspaceRegionConfig, LandmarkRegionConfig>;
+
+/// Where the hand wants the handle at a time, relative to the handle's start: p = p_start + position,
+/// R = exp(rotation) R_start, world frame.
+struct KeyframeConfig {
+  double time = 0.0;             ///< [s] since the start of the run
+  Vec3 position = Vec3::Zero();  ///< [m]
+  Vec3 rotation = Vec3::Zero();  ///< rotation vector [rad]
+};
+
+/// Path of the hand: through the keyframes, holding the first before and the last after.
+struct HandConfig {
+  std::vector<KeyframeConfig> keyframes;  ///< times increase; empty: the hand rests at the start
+  bool smooth = true;                     ///< at rest in every keyframe, smooth in between; otherwise piecewise linear
+};
+
+/// Rigid body that holds the nodes of a region.
+struct HandleConfig {
+  std::string name;
+  RegionConfig region;
+  double mass = 0.02;           ///< of the handle alone [kg]
+  std::optional<Vec3> inertia;  ///< principal moments of the handle alone [kg m^2], axes of the rest frame; absent: 0.4
+                                ///< m r^2 of a ball that spans the region's nodes
+  HandConfig hand;
+};
+
+/// What the hand holds.
+struct ToolConfig : BodyConfig {
+  std::vector<HandleConfig> handles;  ///< at least one; only the chosen one is attached
+  std::string handle;                 ///< the chosen one
+
+  /// The chosen handle.
+  const HandleConfig& chosenHandle() const;
+};
+
+// Fixed geometry, world frame.
+
+struct PlaneObstacleConfig {
+  Vec3 point = Vec3::Zero();    ///< [m]
+  Vec3 normal = Vec3::UnitZ();  ///< unit length, out of the solid
+};
+struct BoxObstacleConfig {
+  Pose pose;                         ///< of its centre
+  Vec3 half_extents = Vec3::Zero();  ///< [m]
+};
+struct SphereObstacleConfig {
+  Vec3 center = Vec3::Zero();  ///< [m]
+  double radius = 0.0;         ///< [m]
+};
+struct CapsuleObstacleConfig {
+  Vec3 a = Vec3::Zero();  ///< ends of the axis [m]
+  Vec3 b = Vec3::Zero();
+  double radius = 0.0;  ///< [m]
+};
+
+struct ObstacleConfig {
+  std::string name;
+  std::variant<PlaneObstacleConfig, BoxObstacleConfig, SphereObstacleConfig, CapsuleObstacleConfig> geometry;
+  std::optional<double> friction;  ///< coefficient; goes before the body's
+};
+
+struct ContactConfig {
+  double friction = 0.5;  ///< coefficient where neither obstacle nor body has its own
+  FrictionCone cone;
+  double margin = 0.005;                ///< distance at which a candidate enters the step [m]
+  double penetration_tolerance = 1e-5;  ///< another pass looks for missed contacts if one is deeper than this [m]
+  int max_passes = 4;                   ///< passes of finding and solving in a step
+  bool reduction = true;                ///< replace the surface's contact points by a few that say the same
+  ContactSolverSettings solver;
+};
+
+/// Viscoelastic link between handle and device; absent: what the device's limits allow.
+struct LinkConfig {
+  std::optional<double> stiffness;             ///< [N/m]
+  std::optional<double> damping;               ///< [N s/m]
+  std::optional<double> rotational_stiffness;  ///< [N m/rad]
+  std::optional<double> rotational_damping;    ///< [N m s/rad]
+};
+
+/// Absent values: the device's own.
+struct DeviceConfig {
+  DeviceName kind = DeviceName::simulated;
+  std::optional<FileReference> recording;           ///< of a recorded device
+  std::optional<double> mass;                       ///< apparent, at the stylus [kg]
+  std::optional<double> inertia;                    ///< apparent, of the stylus [kg m^2]
+  std::optional<double> damping;                    ///< [N s/m]
+  std::optional<double> rotational_damping;         ///< [N m s/rad]
+  std::optional<double> hand_stiffness;             ///< of the hand that moves it [N/m]
+  std::optional<double> hand_damping;               ///< [N s/m]
+  std::optional<double> hand_rotational_stiffness;  ///< [N m/rad]
+  std::optional<double> hand_rotational_damping;    ///< [N m s/rad]
+  DeviceLimits limits;
+};
+
+/// Last stage before the device; absent values: the stage's own.
+struct SafetyConfig {
+  std::optional<double> max_slew;         ///< of the force [N/s]
+  std::optional<double> start_ramp;       ///< time in which the force fades in [s]
+  std::optional<double> model_age_limit;  ///< force fades out when the newest model is older [s]
+};
+
+struct SceneConfig {
+  std::filesystem::path file;  ///< where it was read from
+  std::string name;
+  std::string description;
+  Vec3 gravity{0.0, 0.0, -9.81};  ///< [m/s^2]
+  double duration = 10.0;         ///< [s]
+  double visual_step = 0.033;     ///< [s], ticksPerStep() times haptic_step
+  double haptic_step = 0.001;     ///< [s]
+  int latency = 1;                ///< visual steps until a step's result reaches the haptic loop
+  MethodName method = MethodName::hsl;
+  AimName aim = AimName::sample;
+  DerivativeName derivative = DerivativeName::frozen;
+  bool weight_compensation = false;  ///< the device does not feel the tool's static weight
+  std::uint64_t seed = 1;            ///< of everything random
+  ContactConfig contact;
+  ToolConfig tool;
+  std::vector<FreeBodyConfig> bodies;
+  std::vector<ObstacleConfig> obstacles;
+  LinkConfig link;
+  DeviceConfig device;
+  SafetyConfig safety;
+
+  /// Haptic ticks in a visual step.
+  int ticksPerStep() const;
+};
+
+}  // namespace palpate

@@ -1,0 +1,28 @@
+#pragma once
+
+#include <filesystem>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "palpate/scene/config.h"
+
+namespace palpate {
+
+// The schema, with units, ranges and defaults, is in docs/scene.md. All functions throw InputError (file, key path,
+// cause).
+
+/// Reads and checks a scene and finds the files that it names.
+SceneConfig readScene(const std::filesystem::path& file);
+
+/// The same from text, without looking for files. `name` stands for the file in errors.
+SceneConfig readSceneFromString(std::string_view text, const std::string& name);
+
+/// Folders below which packages keep their data.
+std::vector<std::filesystem::path> packageDataFolders();
+
+/// Sets the path of every file that the scene names. Plain names are relative to the scene's folder; with a package P
+/// the folders P and, if P ends in -data, P without it are searched below each of `data_folders`.
+void resolveFiles(SceneConfig& config, const std::vector<std::filesystem::path>& data_folders = packageDataFolders());
+
+}  // namespace palpate

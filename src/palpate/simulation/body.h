@@ -1,0 +1,162 @@
+#pragma once
+
+#include <Eigen/LU>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "palpate/contact/contact_finder.h"
+#include "palpate/fem/elastic_mesh.h"
+#include "palpate/math/types.h"
+#include "palpate/mesh/types.h"
+#include "palpate/rigid/handle.h"
+#include "palpate/rigid/link.h"
+#include "palpate/solver/sparse_cholesky.h"
+#include "palpate/solver/symmetric_block_matrix.h"
+
+namespace palpate {
+
+/// What the visual handle is pulled towards during a step: the device's sample, or where it is predicted to be.
+struct DeviceTarget {
+  Pose pose;
+  Vec6 twist = Vec6::Zero();
+};
+
+/// Given for one step.
+struct StepInput {
+  double step = 0.033;  ///< h [s]
+  Vec3 gravity{0, 0, -9.81};
+  LinkParameters link;
+  DeviceTarget device;
+};
+
+/// A deformable body, with or without a handle: its state, and the linear system of its semi-implicit backward Euler
+/// step.
+///
+///     A_tt v + A_th u   = M v0 + h (f + m g)                  + J_t^T lambda        A = (1 + h alpha) M + c K
+///     A_th^T v + A_hh u = M_h u0 + h (G^T f_H + weight + ...) + J_h^T lambda        c = h beta + h^2
+///
+/// with v the velocities of the free nodes and u the handle's twist. The handle is eliminated by the Schur complement
+/// S = A_hh - A_th^T X, X = A_tt^-1 A_th.
+class Body {
+ public:
+  /// @param mesh  in world coordinates, undeformed
+  Body(std::string name, SimulationMesh mesh, const Material& material, const Vec6& velocity = Vec6::Zero());
+
+  /// Attaches nodes to a handle. Once, before the first step; nodes of other handles' regions stay free.
+  void hold(const Handle& handle);
+
+  // --- model
+  const std::string& name() const { return name_; }
+  const SimulationMesh& mesh() const { return mesh_; }
+  const ElasticMesh& elasticity() const { return fem_; }
+  const ContactFinder& contactFinder() const { return finder_; }
+  int nodes() const { return fem_.nodes(); }
+  int freeNodes() const { return static_cast<int>(free_.size()); }
+  bool held() const { return handle_.has_value(); }
+  const std::vector<int>& row() const { return row_; }                 ///< node -> free row, -1 if attached
+  const std::vector<int>& attachedIndex() const { return attached_; }  ///< node -> index in handle().nodes, -1 if free
+  const std::vector<int>& boundaryElements() const { return boundary_; }  ///< touch attached and free nodes
+  double totalMass() const;
+
+  // --- state
+  struct State {
+    VecX x, v;  ///< all nodes, flat [m], [m/s]
+    Pose handle_pose;
+    Vec6 handle_twist = Vec6::Zero();
+    std::vector<Mat3> rotations;
+  };
+  State state() const;
+  void restore(const State& state);
+  const VecX& positions() const { return x_; }
+  const VecX& velocities() const { return v_; }
+  const Handle& handle() const { return *handle_; }
+  void setHandleState(const Pose& pose, const Vec6& twist);  ///< moves the attached nodes with it
+  void clearVelocities();
+  double kineticEnergy() const;  ///< [J]
+  double elasticEnergy() const { return fem_.energy(x_); }
+
+  // --- one step, in this order
+  /// Rotations, forces, system; no factorization yet.
+  void assemble(const StepInput& input);
+  /// Orders the given nodes last in the factor, so that contact on them is cheap. Re-analyzes only where the present
+  /// order does not hold them or holds far too many. @returns true if the symbolic analysis was renewed.
+  bool prepareContactNodes(const std::vector<int>& nodes);
+  /// Numeric factorization. @returns false if A_tt is not positive definite or not finite.
+  bool factorize();
+  /// Velocities without contact impulse, into freeVelocity() and endVelocity().
+  void solveFree();
+  /// The same after a new factorization of the same system (other nodes ordered last).
+  void solveFreeAgain();
+
+  /// This body's part of contact rows, for contacts in which it takes part; 3 rows a contact (normal, tangents).
+  struct ContactRows {
+    MatX trailing;  ///< J_c^T: 3 * contact nodes x rows
+    MatX handle;    ///< J_h^T: 6 x rows
+    MatX half;      ///< L_cc^-1 J_c^T
+    MatX z;         ///< (J_h - J_t X)^T: 6 x rows
+  };
+  /// Fills rows and adds J A^-1 J^T to the Delassus matrix.
+  void addDelassus(const std::vector<Contact>& contacts, int self, ContactRows& rows, MatX& delassus) const;
+  /// Adds J v to row velocities, for the free motion.
+  void addFreeRowVelocity(const std::vector<Contact>& contacts, int self, VecX& velocity) const;
+  /// End velocities under contact impulses lambda [rows].
+  void applyImpulse(const ContactRows& rows, const VecX& lambda);
+  /// Node positions at the end of the step, for the present end velocities.
+  void endPositions(VecX& x) const;
+  /// Takes the end of the step as the new state. @returns false (state unchanged) if it is not finite.
+  bool advance();
+
+  // --- the step's system, for the linearization and for checks; valid from assemble() to the next assemble()
+  const StepInput& input() const { return input_; }
+  double stiffnessScale() const { return c_; }  ///< c = h beta + h^2
+  const VecX& startPositions() const { return x0_; }
+  const VecX& startVelocities() const { return v0_; }
+  const Pose& startPose() const { return pose0_; }
+  const Vec6& startTwist() const { return twist0_; }
+  const VecX& elasticForces() const { return f_; }      ///< at the start, all nodes [N]
+  const MatX& coupling() const { return a_th_; }        ///< A_th, 3 free x 6
+  const MatX& response() const { return x_th_; }        ///< X = A_tt^-1 A_th, 3 free x 6
+  const Mat6& handleStiffness() const { return gkg_; }  ///< G^T K_HH G
+  const Mat6& handleSchurInverse() const { return s_inverse_; }
+  const Mat6& handleMassAtStart() const { return mass0_; }  ///< M_h at the start pose
+  const VecX& endVelocity() const { return v_end_; }        ///< free nodes, 3 free
+  const Vec6& endTwist() const { return u_end_; }
+  SparseCholesky& factor() { return factor_; }
+  const SymmetricBlockMatrix& system() const { return a_; }
+  const std::vector<int>& contactNodes() const { return contact_nodes_; }
+  std::size_t analyses() const { return analyses_; }
+
+ private:
+  void assembleHandle();
+  void nodeVelocity(const ContactPoint& point, const VecX& v, const Vec6& u, Vec3& out) const;
+
+  std::string name_;
+  SimulationMesh mesh_;
+  ElasticMesh fem_;
+  ContactFinder finder_;
+  std::optional<Handle> handle_;
+  std::vector<int> row_, free_, attached_, boundary_;
+
+  VecX x_, v_;
+
+  StepInput input_;
+  double c_ = 0;
+  VecX x0_, v0_, f_;
+  Pose pose0_;
+  Vec6 twist0_ = Vec6::Zero();
+  SymmetricBlockMatrix a_;
+  SparseCholesky factor_;
+  bool analyzed_ = false;
+  std::size_t analyses_ = 0;
+  std::vector<int> contact_nodes_;  // nodes ordered last
+  std::vector<int> trailing_;       // node -> index among the contact nodes, -1
+  int surplus_steps_ = 0;           // steps in a row in which far too many nodes were ordered last
+  MatX a_th_, x_th_, rhs_, solution_;
+  Mat6 gkg_ = Mat6::Zero(), a_hh_ = Mat6::Zero(), s_inverse_ = Mat6::Zero(), mass0_ = Mat6::Zero();
+  Vec6 b_h_ = Vec6::Zero();
+  VecX v_free_, v_end_, impulse_response_;
+  Vec6 u_free_ = Vec6::Zero(), u_end_ = Vec6::Zero();
+};
+
+}  // namespace palpate

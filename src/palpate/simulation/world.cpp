@@ -1,0 +1,132 @@
+#include "palpate/simulation/world.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+
+#include "palpate/common/error.h"
+
+namespace palpate {
+namespace {
+
+class Stopwatch {
+ public:
+  /// Seconds since construction or the last call.
+  double lap() {
+    const auto now = std::chrono::steady_clock::now();
+    const std::chrono::duration<double> elapsed = now - last_;
+    last_ = now;
+    return elapsed.count();
+  }
+
+ private:
+  std::chrono::steady_clock::time_point last_ = std::chrono::steady_clock::now();
+};
+
+}  // namespace
+
+int World::add(Body body) {
+  bodies_.push_back(std::make_unique<Body>(std::move(body)));
+  stages_.push_back(std::make_unique<ContactStage>());
+  const int index = bodies() - 1;
+  if (tool_ < 0 && bodies_.back()->held()) tool_ = index;
+  return index;
+}
+
+// The paper's step 1 for one body: form A and b, factorize, move freely, then contact. Its steps 2 to 6 are
+// linearize().
+bool World::stepBody(int i, const StepInput& input, StepReport& report) {
+  Body& body = *bodies_[i];
+  Stopwatch watch;
+  body.assemble(input);
+  report.times.assemble += watch.lap();
+  // nodes that contact may touch in this step: what is near where the present velocities lead
+  std::vector<int> near;
+  const double reach = 0.75 * body.contactFinder().edgeLength();
+  body.contactFinder().nearbyNodes(body.positions() + input.step * body.velocities(), obstacles, reach, near);
+  body.prepareContactNodes(near);
+  if (!body.factorize()) return false;
+  report.times.factorize += watch.lap();
+  body.solveFree();
+  report.times.solve += watch.lap();
+  stages_[i]->solve({&body}, {i}, obstacles, contact);
+  report.times.contact += watch.lap();
+  const ContactSet& set = stages_[i]->result();
+  report.contacts_found += set.candidates;
+  report.contacts += static_cast<int>(set.contacts.size());
+  report.active += set.active();
+  report.sticking += set.count(ContactState::stick);
+  report.sliding += set.active() - set.count(ContactState::stick);
+  report.solver_iterations += set.solver.iterations;
+  report.solver_residual = std::max(report.solver_residual, set.solver.residual);
+  report.passes = std::max(report.passes, set.passes);
+  report.penetration = std::max(report.penetration, set.penetration);
+  if (!set.solver.converged) report.status = StepStatus::contact_not_converged;
+  return body.endVelocity().allFinite() && body.endTwist().allFinite();
+}
+
+StepReport World::stepAll(const DeviceTarget& device, double h, bool advance) {
+  StepReport report;
+  const StepInput input{h, gravity, link, device};
+  saved_.resize(bodies_.size());
+  for (int i = 0; i < bodies(); ++i) {
+    const bool good = stepBody(i, input, report);
+    Stopwatch watch;
+    if (!good) {
+      bodies_[i]->clearVelocities();
+      stages_[i]->forget();
+      report.status = StepStatus::restored;
+    } else if (advance) {
+      if (!bodies_[i]->advance()) report.status = StepStatus::restored;
+    }
+    report.times.advance += watch.lap();
+  }
+  Stopwatch watch;
+  for (const auto& body : bodies_) {
+    report.kinetic_energy += body->kineticEnergy();
+    report.elastic_energy += body->elasticEnergy();
+  }
+  report.times.advance += watch.lap();
+  return report;
+}
+
+StepReport World::step(const DeviceTarget& device, double h) { return stepAll(device, h, true); }
+
+StepReport World::evaluate(const DeviceTarget& device, double h) { return stepAll(device, h, false); }
+
+double World::settle(int index, const Pose& device) {
+  // Backward Euler with growing steps from rest is a damped Newton iteration on the static problem.
+  constexpr int kMaxSteps = 3000;
+  constexpr double kLongestStep = 2.0;
+  constexpr double kTolerance = 1e-12;  // displacement of a step, relative to the body's mean edge
+  Body& body = *bodies_[index];
+  const double scale = body.contactFinder().edgeLength();
+  double h = 0.02;
+  double speed = 0;
+  double previous = 0;
+  StepReport report;
+  for (int n = 0; n < kMaxSteps; ++n) {
+    body.clearVelocities();
+    if (!stepBody(index, {h, gravity, link, {device, Vec6::Zero()}}, report)) {
+      throw RunError(body.name() + ": no static equilibrium: the system is not positive definite");
+    }
+    speed = std::max(body.endVelocity().size() > 0 ? body.endVelocity().cwiseAbs().maxCoeff() : 0.0,
+                     body.endTwist().cwiseAbs().maxCoeff());
+    if (!body.advance()) throw RunError(body.name() + ": no static equilibrium: the state is not finite");
+    const double displacement = speed * h / scale;
+    if (displacement < kTolerance && h >= kLongestStep) break;
+    // a jump of the displacement says that the step was too long for the nonlinearity
+    h = displacement > 0.3 || (n > 0 && displacement > 4.0 * previous && displacement > 1e-3)
+            ? std::max(0.5 * h, 1e-3)
+            : std::min(1.3 * h, kLongestStep);
+    previous = displacement;
+    if (n + 1 == kMaxSteps && displacement > 1e-6) {
+      throw RunError(body.name() + ": no static equilibrium at the first device pose after " +
+                     std::to_string(kMaxSteps) + " steps");
+    }
+  }
+  body.clearVelocities();
+  return speed;
+}
+
+}  // namespace palpate

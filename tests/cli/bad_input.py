@@ -1,0 +1,229 @@
+"""Bad input: each case is one clear line on standard error, exit code 2, and nothing that looks like a result."""
+
+import os
+import re
+import signal
+import time
+
+from harness import SCENE, case, expect, rejected_variants
+
+TETRAHEDRON = """\
+v 0 0 0
+v 1 0 0
+v 0 1 0
+v 0 0 1
+f 1 3 2
+f 1 2 4
+f 2 3 4
+f 1 4 3
+"""
+
+
+def run_scene(context, text):
+    return ["run", context.file("scene.yaml", text), "--out", context.out]
+
+
+def spoiled(key, value, *words):
+    """The good scene with one value replaced; the line names the file and the key."""
+    text, count = re.subn(rf"\b{key}: (\[[^]]*\]|[^,}}\n]+)", f"{key}: {value}", SCENE, count=1)
+    assert count, key
+    return lambda context: (run_scene(context, text), ("scene.yaml", key, *words))
+
+
+def replaced(old, new, *words):
+    assert old in SCENE, old
+    return lambda context: (run_scene(context, SCENE.replace(old, new, 1)), ("scene.yaml", *words))
+
+
+def text_scene(text, *words):
+    return lambda context: (run_scene(context, text), ("scene.yaml", *words))
+
+
+def option(*arguments):
+    """The good scene with a bad option; the line names the option."""
+    return lambda context: (run_scene(context, SCENE) + list(arguments), [arguments[0]])
+
+
+def surface_scene(name, content):
+    """A scene whose tool is a surface from a file; the line names that file."""
+    scene = SCENE.replace("{bar: {size: [0.08, 0.06, 0.08], cells: [2, 2, 2]}}", f"{{surface: {{file: {name}, size: 0.1}}}}")
+
+    def make(context):
+        context.file(name, content)
+        return run_scene(context, scene), [name]
+
+    return make
+
+
+ALIASES = "".join(f"{b}: &{b} [{', '.join(['*' + a] * 10)}]\n" for a, b in zip("abcdefghijkl", "bcdefghijklm"))
+
+rejected_variants("bad-scene", {
+    "missing": lambda c: (["run", "nowhere.yaml", "--out", c.out], ["nowhere.yaml"]),
+    "is-a-folder": lambda c: (["run", c.folder, "--out", c.out], [c.folder.name]),
+    "empty": text_scene(""),
+    "malformed": text_scene("tool: {shape: [\n  - ] }}\n", "line"),
+    "not-a-map": text_scene("- 1\n- 2\n"),
+    "binary": text_scene(bytes(range(256)) * 40),
+    "deep": text_scene("[" * 100000),
+    "alias-bomb": text_scene("a: &a [x, x, x, x, x, x, x, x, x, x]\n" + ALIASES),
+    "unknown-key": replaced("density:", "densty:", "densty", "density"),
+    "duplicate-key": replaced("duration:", "duration: 1.0\nduration:", "duration"),
+    "required-key": replaced("name: press\n", "", "name"),
+    "wrong-type": spoiled("density", "heavy"),
+    "negative-density": spoiled("density", "-1000"),
+    "zero-density": spoiled("density", "0"),
+    "nan-density": spoiled("density", ".nan"),
+    "infinite-density": spoiled("density", ".inf"),
+    "negative-mass": spoiled("mass", "-0.02"),
+    "poisson-one-half": spoiled("poisson_ratio", "0.5"),
+    "poisson-above-one-half": spoiled("poisson_ratio", "0.7"),
+    "negative-stiffness": spoiled("youngs_modulus", "-1"),
+    "zero-step": replaced("visual: {step: 0.02}", "visual: {step: 0}", "visual.step"),
+    "negative-step": replaced("visual: {step: 0.02}", "visual: {step: -0.01}", "visual.step"),
+    "step-not-a-multiple": replaced("visual: {step: 0.02}", "visual: {step: 0.0205}", "visual.step"),
+    "negative-friction": spoiled("friction", "-0.5"),
+    "zero-cells": spoiled("cells", "[0, 3, 4]"),
+    "endless-cells": spoiled("cells", "[100000, 100000, 100000]"),
+    "too-many-cells": replaced("cells: [2, 2, 2]", "cells: [200, 200, 200]"),
+    "zero-duration": spoiled("duration", "0"),
+    "endless-duration": spoiled("duration", "1e300"),
+    "time-goes-back": replaced("t: 0.2", "t: 0.0"),
+    "no-handles": replaced(SCENE[SCENE.index("    top:"):SCENE.index("obstacles:")], "    {}\n", "handles"),
+    "region-without-nodes": replaced("point: [0, 0, 0.079]", "point: [0, 0, 5]", "top"),
+    "mesh-missing": replaced("{bar: {size: [0.08, 0.06, 0.08], cells: [2, 2, 2]}}", "{surface: {file: nowhere.obj}}",
+                             "nowhere.obj"),
+    "mesh-empty": surface_scene("empty.obj", ""),
+    "mesh-single-triangle": surface_scene("single.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"),
+    "mesh-nan": surface_scene("nan.obj", TETRAHEDRON.replace("v 0 0 1", "v 0 0 nan")),
+    "mesh-flat": surface_scene("flat.obj", TETRAHEDRON.replace("v 0 0 1", "v 1 1 0")),
+})
+
+rejected_variants("bad-option", {
+    "no-scene": lambda c: (["run", "--out", c.out], []),
+    "unknown": option("--colour", "blue"),
+    "duration-nan": option("--duration", "nan"),
+    "duration-inf": option("--duration", "inf"),
+    "duration-negative": option("--duration", "-1"),
+    "duration-word": option("--duration", "long"),
+    "visual-dt-zero": option("--visual-dt", "0"),
+    "visual-dt-nan": option("--visual-dt", "nan"),
+    "visual-dt-not-a-multiple": option("--visual-dt", "0.0105"),
+    "latency-negative": option("--latency", "-1"),
+    "method": option("--method", "magic"),
+    "handle": option("--handle", "tail"),
+    "device": option("--device", "wand"),
+    "seed": option("--seed", "x"),
+    "subcommand": lambda c: (["fly"], ["fly"]),
+    "no-subcommand": lambda c: ([], []),
+    "out-below-a-file": lambda c: (["run", c.file("s.yaml", SCENE), "--out", c.file("taken", "") / "out"], ["taken"]),
+    "out-is-a-file": lambda c: (["run", c.file("s.yaml", SCENE), "--out", c.file("taken", "")], ["taken"]),
+    "out-cannot-be-made": lambda c: (["run", c.file("s.yaml", SCENE), "--out", "/proc/palpate"], ["/proc/palpate"]),
+    "check-time-nan": lambda c: (["check", "linearization", c.file("s.yaml", SCENE), "--at", "nan", "--out", c.out],
+                                 ["--at"]),
+    "check-time-negative": lambda c: (["check", "linearization", c.file("s.yaml", SCENE), "--at", "-1", "--out", c.out],
+                                      ["--at"]),
+    "validate-missing": lambda c: (["validate", "nowhere.yaml"], ["nowhere.yaml"]),
+    "one-d-missing": lambda c: (["one-d", "--config", "nowhere.yaml", "--out", c.out], ["nowhere.yaml"]),
+    "one-d-unknown-key": lambda c: (["one-d", "--config", c.file("c.yaml", "handle_mas: 1\n"), "--out", c.out],
+                                    ["c.yaml", "handle_mas", "handle_mass"]),
+    "one-d-negative-mass": lambda c: (["one-d", "--config", c.file("c.yaml", "tool_mass: -1\n"), "--out", c.out],
+                                      ["c.yaml", "tool_mass"]),
+    "one-d-nan": lambda c: (["one-d", "--config", c.file("c.yaml", "spring_damping: .nan\n"), "--out", c.out],
+                            ["c.yaml", "spring_damping"]),
+    "one-d-out": lambda c: (["one-d", "--out", c.file("taken", "") / "out"], ["taken"]),
+})
+
+
+@case
+def bad_option_out_not_writable(context):
+    if os.geteuid() == 0:
+        return  # root may write anywhere
+    locked = context.folder / "locked"
+    locked.mkdir(mode=0o500)
+    context.rejects(["run", context.file("scene.yaml", SCENE), "--out", locked / "out"], ["locked"])
+
+
+def surface(name, content):
+    return lambda c: (["mesh", "embed", c.file(name, content), "--tets", "100", "--out", c.out / "tool.msh"], [name])
+
+
+BINARY_STL_THAT_PROMISES_TOO_MUCH = b"\0" * 80 + (0xFFFFFFFF).to_bytes(4, "little") + b"\0" * 50
+
+rejected_variants("bad-mesh", {
+    "missing": lambda c: (["mesh", "embed", "nowhere.obj", "--tets", "100", "--out", c.out / "tool.msh"], ["nowhere.obj"]),
+    "unknown-format": surface("shape.xyz", "1 2 3\n"),
+    "empty": surface("empty.obj", ""),
+    "without-faces": surface("points.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\n"),
+    "single-triangle": surface("single.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"),
+    "flat": surface("flat.obj", TETRAHEDRON.replace("v 0 0 1", "v 1 1 0")),
+    "one-point": surface("point.obj", re.sub(r"v .*", "v 1 1 1", TETRAHEDRON)),
+    "nan": surface("nan.obj", TETRAHEDRON.replace("v 0 0 1", "v 0 0 nan")),
+    "infinite": surface("inf.obj", TETRAHEDRON.replace("v 0 0 1", "v 0 0 1e999")),
+    "index-out-of-range": surface("range.obj", TETRAHEDRON.replace("f 1 4 3", "f 1 4 9")),
+    "truncated-ply": surface("cut.ply", "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\n"),
+    "truncated-off": surface("cut.off", "OFF\n4 4 6\n0 0 0\n"),
+    "truncated-stl": surface("cut.stl", BINARY_STL_THAT_PROMISES_TOO_MUCH),
+    "tets-zero": lambda c: (["mesh", "embed", c.file("t.obj", TETRAHEDRON), "--tets", "0", "--out", c.out / "t.msh"],
+                            ["--tets"]),
+    "tets-negative": lambda c: (["mesh", "embed", c.file("t.obj", TETRAHEDRON), "--tets", "-5", "--out",
+                                 c.out / "t.msh"], ["--tets"]),
+})
+
+
+@case
+def bad_mesh_a_million_triangles(context):
+    """Loads, or meets a stated limit; in bounded time and memory either way."""
+    side = 708  # 2 * 708 * 708 triangles on a torus
+    from math import cos, pi, sin
+    lines = []
+    for i in range(side):
+        for j in range(side):
+            a, b = 2 * pi * i / side, 2 * pi * j / side
+            ring = 1 + 0.4 * cos(b)
+            lines.append(f"v {ring * cos(a):.6f} {ring * sin(a):.6f} {0.4 * sin(b):.6f}")
+    for i in range(side):
+        for j in range(side):
+            p, q = i * side + j + 1, (i + 1) % side * side + j + 1
+            r, s = i * side + (j + 1) % side + 1, (i + 1) % side * side + (j + 1) % side + 1
+            lines.append(f"f {p} {q} {s}\nf {p} {s} {r}")
+    path = context.file("torus.obj", "\n".join(lines) + "\n")
+    code, output, errors = context.run(["mesh", "info", path], timeout=120)
+    if code == 2:
+        expect(len(errors.splitlines()) == 1 and re.search(r"\d", errors), f"no stated limit: {errors!r}")
+    else:
+        expect(code == 0, f"exit code {code}: {errors!r}")
+        expect(re.search(r"1[, ]?002[, ]?528", output), f"the triangle count is not reported: {output!r}")
+
+
+def motion(content, *words):
+    """The good scene moved by a recording."""
+    return lambda c: (run_scene(c, SCENE) + ["--device", f"recorded:{c.file('motion.csv', content)}"],
+                      ["motion.csv", *words])
+
+
+MOTION_HEADER = "time_s,x_m,y_m,z_m,qw,qx,qy,qz\n"
+MOTION_ROWS = "".join(f"{i / 1000},0,0,0.08,1,0,0,0\n" for i in range(100))
+
+rejected_variants("bad-motion", {
+    "empty": motion(""),
+    "column-missing": motion("time_s,x_m,y_m,z_m\n0,0,0,0\n", "qw"),
+    "not-a-number": motion(MOTION_HEADER + MOTION_ROWS.replace("0.05,0,0,0.08", "0.05,0,0,nan")),
+    "infinite": motion(MOTION_HEADER + MOTION_ROWS.replace("0.05,0,0,0.08", "0.05,0,0,inf")),
+    "time-stands-still": motion(MOTION_HEADER + MOTION_ROWS.replace("0.05,", "0.049,")),
+    "zero-quaternion": motion(MOTION_HEADER + MOTION_ROWS.replace("0.05,0,0,0.08,1", "0.05,0,0,0.08,0")),
+    "cut-off": motion(MOTION_HEADER + MOTION_ROWS[:-8]),
+})
+
+
+@case
+def bad_end_killed_run_leaves_nothing(context):
+    """A run that is killed leaves no summary or report."""
+    process = context.start(run_scene(context, SCENE) + ["--duration", "600"])
+    deadline = time.monotonic() + 20
+    while time.monotonic() < deadline and not (context.out.exists() and any(context.out.iterdir())):
+        time.sleep(0.05)
+    time.sleep(0.3)
+    expect(process.poll() is None, "a run of 600 s ended by itself")
+    process.send_signal(signal.SIGKILL)
+    process.communicate()
+    context.no_complete_result()

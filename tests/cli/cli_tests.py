@@ -1,0 +1,38 @@
+#!/usr/bin/env python3
+"""End-to-end tests of the program: one case a call, silent when it holds.
+
+usage: cli_tests.py --list | cli_tests.py --program FILE --source FOLDER [CASE...]   (no CASE: all)
+"""
+
+import argparse
+import sys
+import tempfile
+
+import bad_input  # noqa: F401  registers its cases
+import subcommands  # noqa: F401
+from harness import CASES, Context, Failure
+
+
+def main():
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--list", action="store_true")
+    parser.add_argument("--program")
+    parser.add_argument("--source")
+    parser.add_argument("cases", nargs="*")
+    options = parser.parse_args()
+    if options.list:
+        print("\n".join(CASES))
+        return 0
+    failures = 0
+    for name in options.cases or CASES:
+        with tempfile.TemporaryDirectory(prefix="palpate-") as folder:
+            try:
+                CASES[name](Context(options.program, options.source, folder))
+            except Failure as failure:
+                failures += 1
+                print(f"{name}: {failure}", file=sys.stderr)
+    return 1 if failures else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,293 @@
+"""Every subcommand once: exit code, files, keys, columns (design: what others may rely on)."""
+
+import math
+import re
+
+from harness import CASES, SCENE, case, expect
+
+SUBCOMMANDS = ["run", "one-d", "check", "evaluate", "mesh", "validate", "devices"]
+UNITS = r"_(s|ms|us|m|kg|N|Nm|Pa|J|rad|deg|Hz|m_s|rad_s|N_m|m3|m2|count)$"
+WITHOUT_UNIT = r"(^|_)(q?[wxyz]|contacts.*|iterations|.*iterations|residual|.*residual|active|buttons|flags?|step|tick|.*_rel|scene|method|handle|device|aim|passes|missed|.*stale.*)$"
+
+
+def numbers(rows, column):
+    return [float(row[column]) for row in rows]
+
+
+def check_columns(name, header):
+    expect(len(set(header)) == len(header), f"{name}: a column stands twice")
+    for column in header:
+        expect(re.search(UNITS, column) or re.search(WITHOUT_UNIT, column),
+               f"{name}: column '{column}' has no unit in its name")
+
+
+def require_keys(name, value, keys):
+    """keys: {key: nested keys or None}; the innermost values are finite numbers or texts."""
+    for key, nested in keys.items():
+        expect(key in value, f"{name} has no key '{key}'")
+        if nested:
+            require_keys(f"{name}.{key}", value[key], nested)
+        else:
+            expect(isinstance(value[key], (int, float, str)), f"{name}.{key} is {value[key]!r}")
+
+
+def keys(*names, **nested):
+    return {**dict.fromkeys(names), **nested}
+
+
+SUMMARY = keys(
+    "scene", "method",
+    mesh=keys("tetrahedra", "nodes", "surface_triangles"),
+    visual=keys("step_s", "steps", "median_ms", "p95_ms", "max_ms"),
+    haptic=keys("rate_hz", "ticks", "missed", tick_us=keys("p50", "p99", "max")),
+    linearization=keys("median_ms"),
+    contact=keys("max_active", "max_penetration_m", "max_residual"),
+    force=keys("peak_N", "rms_N"),
+)
+
+
+def check_report(path):
+    """A page that needs nothing but itself."""
+    text = path.read_text()
+    expect(text.lstrip().lower().startswith("<!doctype html"), "report.html is not an HTML page")
+    outside = re.findall(r"""<(?:script|img|link|iframe)[^>]*(?:src|href)\s*=\s*["']?(?!data:|#)[^"'>\s]+""", text)
+    expect(not outside, f"report.html loads {outside[:1]}")
+
+
+def run_press(context, *options, out=None):
+    out = out or context.out
+    context.succeeds(["run", context.file("scene.yaml", SCENE), "--out", out, *options])
+    return context.summary(out)
+
+
+@case
+def help_of_every_subcommand(context):
+    overview = context.succeeds(["--help"])
+    for name in SUBCOMMANDS:
+        expect(re.search(rf"(?m)^\s*{name}\b", overview), f"--help does not list {name}")
+        expect(len(context.succeeds([name, "--help"]).splitlines()) > 3, f"{name} --help says too little")
+
+
+@case
+def run_writes_what_others_rely_on(context):
+    summary = run_press(context)
+    require_keys("summary", summary, SUMMARY)
+    expect(summary["method"] == "hsl", "the default method is not hsl")
+    expect(summary["mesh"]["tetrahedra"] == 48 and summary["mesh"]["nodes"] == 27, f"mesh: {summary['mesh']}")
+    expect(summary["visual"]["steps"] == 15, f"0.3 s at 0.02 s are 15 steps and not {summary['visual']['steps']}")
+    expect(summary["contact"]["max_active"] > 0, "pressing made no contact")
+    expect(0 < summary["force"]["rms_N"] <= summary["force"]["peak_N"], f"force: {summary['force']}")
+    for name in ("haptic.csv", "visual.csv", "timing.csv"):
+        check_columns(name, context.table(name)[0])
+    check_report(context.out / "report.html")
+    leftovers = {p.name for p in context.out.iterdir()} - {"haptic.csv", "visual.csv", "timing.csv", "summary.json",
+                                                          "report.html", "motion.csv"}
+    expect(not leftovers, f"unexpected files {leftovers}")
+
+
+@case
+def run_has_one_row_a_tick_and_a_step(context):
+    summary = run_press(context)
+    for name, dt, count in (("haptic.csv", 0.001, summary["haptic"]["ticks"]),
+                            ("visual.csv", 0.02, summary["visual"]["steps"])):
+        header, rows = context.table(name)
+        expect(header[0] == "time_s", f"{name} begins with {header[0]} and not with time_s")
+        expect(len(rows) == count, f"{name} has {len(rows)} rows and the summary says {count}")
+        for i, time in enumerate(numbers(rows, 0)):
+            expect(abs(time - i * dt) < 1e-9, f"{name}: row {i} is at {time} s")
+    header, rows = context.table("haptic.csv")
+    quaternions = [i for i, c in enumerate(header) if c.endswith("qw")]
+    expect(len(quaternions) >= 2, f"haptic.csv has no quaternions of device and proxy: {header}")
+    for i in quaternions:
+        order = [c[-2:] for c in header[i:i + 4]]
+        expect(order == ["qw", "qx", "qy", "qz"], f"the quaternion's columns stand as {order}")
+        for row in rows:
+            expect(abs(math.hypot(*map(float, row[i:i + 4])) - 1) < 1e-6, "a quaternion is not of unit length")
+
+
+@case
+def run_is_the_same_twice(context):
+    run_press(context, out=context.folder / "a")
+    run_press(context, out=context.folder / "b")
+    for name in ("haptic.csv", "visual.csv"):
+        same = (context.folder / "a" / name).read_bytes() == (context.folder / "b" / name).read_bytes()
+        expect(same, f"{name} differs between two runs")
+
+
+@case
+def run_replays_its_recorded_motion(context):
+    run_press(context, out=context.folder / "a")
+    run_press(context, "--device", f"recorded:{context.folder / 'a' / 'motion.csv'}", out=context.folder / "b")
+    for name in ("haptic.csv", "visual.csv"):
+        same = (context.folder / "a" / name).read_bytes() == (context.folder / "b" / name).read_bytes()
+        expect(same, f"{name} differs between the run and its replay")
+
+
+def method_case(method):
+    def run(context):
+        summary = run_press(context, "--method", method)
+        expect(summary["method"] == method, f"the summary names the method {summary['method']}")
+        require_keys("summary", summary, SUMMARY)
+
+    CASES[f"run-method-{method}"] = run
+
+
+for name in ("hsl", "hsl-exact", "vc"):
+    method_case(name)
+
+
+@case
+def run_takes_the_options_of_the_command_line(context):
+    summary = run_press(context, "--duration", "0.2", "--visual-dt", "0.01", "--latency", "0", "--seed", "7",
+                        "--handle", "top", "--aim", "predicted")
+    expect(summary["visual"]["step_s"] == 0.01 and summary["visual"]["steps"] == 20, f"visual: {summary['visual']}")
+
+
+@case
+def run_replaces_an_earlier_result(context):
+    run_press(context)
+    summary = run_press(context, "--duration", "0.1")
+    expect(len(context.table("visual.csv")[1]) == summary["visual"]["steps"] == 5, "files of two runs are mixed")
+
+
+@case
+def run_keeps_real_time(context):
+    summary = run_press(context, "--realtime", "--duration", "0.5")
+    require_keys("summary", summary, SUMMARY)
+    context.table("haptic.csv")
+
+
+@case
+def one_d_reproduces_the_table(context):
+    context.succeeds(["one-d", "--out", context.out])
+    header, rows = context.table("one_d.csv")
+    expect(header == ["time", "method", "visual_dt", "latency", "xd", "xh", "xt", "force"], f"columns {header}")
+    expect(any(row[1] == "reference" for row in rows), "no rows of the reference")
+    check_report(context.out / "report.html")
+    runs = find_runs(context.summary())
+    for method, dt, drag, rms in (("vc", 0.01, 5.80, 5.10), ("vc", 0.02, 11.80, 10.32), ("hsl", 0.01, 0.43, 0.46),
+                                  ("hsl", 0.02, 0.24, 0.60)):
+        run = next((r for r in runs if r["method"] == method and abs(float(r["visual_dt"]) - dt) < 1e-9), None)
+        expect(run, f"no run of {method} at {dt} s")
+        for key, wanted in (("drag_N", drag), ("rms_N", rms)):
+            tolerance = 0.005 + 0.001 * wanted  # the table's last digit and 0.1 %
+            expect(abs(run[key] - wanted) <= tolerance, f"{method} at {dt} s: {key} is {run[key]} and not {wanted}")
+
+
+def find_runs(summary):
+    """The list of runs: {method, visual_dt, drag_N, rms_N, peak_error_N, ...} each."""
+    runs = next((v for v in summary.values() if isinstance(v, list) and v and "drag_N" in v[0]), None)
+    expect(runs, f"summary.json lists no runs: {list(summary)}")
+    for run in runs:
+        require_keys("run", run, keys("method", "visual_dt", "latency", "drag_N", "rms_N", "peak_error_N"))
+    return runs
+
+
+@case
+def one_d_reads_a_config(context):
+    config = context.file("c.yaml", "handle_mass: 0.1\nvisual_dts: [0.01]\nmethods: [hsl]\nlatency: 0\n")
+    context.succeeds(["one-d", "--config", config, "--out", context.out])
+    runs = [r for r in find_runs(context.summary()) if r["method"] != "reference"]
+    expect([r["method"] for r in runs] == ["hsl"], f"runs {runs}")
+    context.succeeds(["one-d", "--config", context.scene("one-d"), "--out", context.folder / "shipped"])
+
+
+def check_case(at, active):
+    def run(context):
+        scene = context.file("scene.yaml", SCENE)
+        context.succeeds(["check", "linearization", scene, "--at", at, "--out", context.out])
+        check = context.summary()["linearization_check"]
+        require_keys("linearization_check", check, keys("kx_frozen_rel", "kv_frozen_rel", "kx_full_rel", "kv_full_rel",
+                                                        "active", "sticking", "sliding"))
+        expect((check["active"] > 0) == active, f"active contacts: {check['active']}")
+        expect(check["sticking"] + check["sliding"] <= check["active"], f"counts do not fit: {check}")
+        for key in ("kx_frozen_rel", "kv_frozen_rel"):
+            expect(check[key] <= 1e-6, f"{key} is {check[key]}")
+
+    CASES[f"check-linearization-at-{at}"] = run
+
+
+check_case("0.2", True)
+
+
+@case
+def mesh_info_and_embed(context):
+    source = context.file("ball.off", ball())
+    info = context.succeeds(["mesh", "info", source])
+    expect("320" in info, f"the count of triangles is missing: {info!r}")
+    output = context.succeeds(["mesh", "embed", source, "--tets", "200"])
+    for word in ("volume", "tetrahedra", "worst", "outside"):
+        expect(word in output.lower(), f"the report does not say '{word}': {output!r}")
+
+
+def ball(radius=0.05, rounds=2):
+    """An icosphere as an OFF file: 20 * 4^rounds triangles."""
+    g = (1 + 5 ** 0.5) / 2
+    points = [(a, b, 0) for a in (-1, 1) for b in (-g, g)]
+    points = points + [(0, x, y) for x, y, _ in points] + [(y, 0, x) for x, y, _ in points]
+
+    def near(i, j):
+        return abs(math.dist(points[i], points[j]) - 2) < 1e-9
+
+    faces = []
+    for i in range(12):
+        for j in range(i + 1, 12):
+            for k in range(j + 1, 12):
+                if near(i, j) and near(j, k) and near(i, k):
+                    a, b, c = (points[n] for n in (i, j, k))
+                    u, v = [[q[n] - a[n] for n in range(3)] for q in (b, c)]
+                    normal = (u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0])
+                    faces.append((i, j, k) if sum(n * x for n, x in zip(normal, a)) > 0 else (i, k, j))
+    for _ in range(rounds):
+        middle, finer = {}, []
+        for face in faces:
+            m = []
+            for n in range(3):
+                edge = tuple(sorted((face[n], face[(n + 1) % 3])))
+                if edge not in middle:
+                    middle[edge] = len(points)
+                    points.append(tuple((points[edge[0]][x] + points[edge[1]][x]) / 2 for x in range(3)))
+                m.append(middle[edge])
+            finer += [(face[0], m[0], m[2]), (face[1], m[1], m[0]), (face[2], m[2], m[1]), tuple(m)]
+        faces = finer
+    lines = ["OFF", f"{len(points)} {len(faces)} 0"]
+    for p in points:
+        lines.append(" ".join(f"{radius * x / math.hypot(*p):.9g}" for x in p))
+    return "\n".join(lines + [f"3 {a} {b} {c}" for a, b, c in faces]) + "\n"
+
+
+@case
+def mesh_make_alien(context):
+    target = context.folder / "alien.obj"
+    context.succeeds(["mesh", "make", "alien", "--out", target])
+    faces = sum(line.startswith("f ") for line in target.read_text().splitlines())
+    expect(faces >= 4000, f"the alien has {faces} triangles")
+    context.succeeds(["mesh", "info", target])
+
+
+def validate_case(name):
+    def run(context):
+        before = set(context.folder.iterdir())
+        context.succeeds(["validate", context.scene(name)])
+        expect(set(context.folder.iterdir()) == before, "validate wrote something")
+
+    CASES[f"validate-{name}"] = run
+
+
+for name in ("alien", "bunny", "block"):
+    validate_case(name)
+
+
+@case
+def devices_lists_the_simulated_one(context):
+    expect("simulated" in context.succeeds(["devices"]), "the simulated device is not listed")
+
+
+@case
+def evaluate_compares_methods(context):
+    context.succeeds(["evaluate", context.file("scene.yaml", SCENE), "--methods", "hsl,vc", "--visual-dt", "0.02",
+                      "--out", context.out])
+    rows = context.summary()["rows"]
+    expect({r["method"] for r in rows} >= {"hsl", "vc"}, f"methods {[r['method'] for r in rows]}")
+    for row in rows:
+        require_keys("row", row, keys("scene", "method", "visual_dt", "latency", "rms_N", "peak_error_N"))

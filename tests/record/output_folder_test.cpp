@@ -1,0 +1,97 @@
+#include "palpate/record/output_folder.h"
+
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <nlohmann/json.hpp>
+#include <sstream>
+#include <string>
+
+#include "palpate/common/error.h"
+#include "palpate/record/json_file.h"
+
+namespace palpate {
+namespace {
+
+namespace fs = std::filesystem;
+
+class OutputFolderTest : public testing::Test {
+ protected:
+  void SetUp() override {
+    root_ = fs::temp_directory_path() / ("palpate-output-" + std::to_string(::getpid()));
+    fs::remove_all(root_);
+  }
+  void TearDown() override { fs::remove_all(root_); }
+
+  static std::string read(const fs::path& file) {
+    std::ostringstream text;
+    text << std::ifstream(file).rdbuf();
+    return text.str();
+  }
+  long entries() const { return std::distance(fs::directory_iterator(root_), fs::directory_iterator()); }
+
+  fs::path root_;
+};
+
+TEST_F(OutputFolderTest, FilesAppearTogetherAtCommit) {
+  OutputFolder folder(root_);
+  std::ofstream(folder.stage("a.txt")) << "a";
+  std::ofstream(folder.stage("b.txt")) << "b";
+  EXPECT_FALSE(fs::exists(root_ / "a.txt"));
+  folder.commit();
+  EXPECT_EQ(read(root_ / "a.txt"), "a");
+  EXPECT_EQ(read(root_ / "b.txt"), "b");
+  EXPECT_EQ(entries(), 2);
+}
+
+TEST_F(OutputFolderTest, AFailedJobLeavesNothingAndSparesEarlierFiles) {
+  fs::create_directories(root_);
+  std::ofstream(root_ / "a.txt") << "earlier";
+  {
+    OutputFolder folder(root_);
+    std::ofstream(folder.stage("a.txt")) << "half";
+  }
+  EXPECT_EQ(read(root_ / "a.txt"), "earlier");
+  EXPECT_EQ(entries(), 1);
+}
+
+TEST_F(OutputFolderTest, CommitMissesNoFile) {
+  OutputFolder folder(root_);
+  folder.stage("never-written.csv");
+  EXPECT_THROW(folder.commit(), RunError);
+}
+
+TEST_F(OutputFolderTest, UnusableFoldersAreInputErrors) {
+  fs::create_directories(root_);
+  std::ofstream(root_ / "file") << "x";
+  for (const fs::path& path : {fs::path(), root_ / "file", root_ / "file" / "below", fs::path("/proc/palpate")}) {
+    try {
+      OutputFolder folder(path);
+      ADD_FAILURE() << path;
+    } catch (const InputError& error) {
+      EXPECT_EQ(std::string(error.what()).find('\n'), std::string::npos);
+    }
+  }
+}
+
+TEST_F(OutputFolderTest, JsonKeepsItsOrderAndHasNoNan) {
+  fs::create_directories(root_);
+  nlohmann::ordered_json json;
+  json["zeta"] = 0.1;
+  json["alpha"] = std::nan("");
+  json["name"] = "\xff";
+  writeJson(root_ / "summary.json", json);
+  EXPECT_EQ(read(root_ / "summary.json"), "{\n  \"zeta\": 0.1,\n  \"alpha\": null,\n  \"name\": \"\xEF\xBF\xBD\"\n}\n");
+  EXPECT_EQ(entries(), 1);
+}
+
+TEST_F(OutputFolderTest, JsonIntoAMissingFolderIsAnInputError) {
+  EXPECT_THROW(writeJson(root_ / "no" / "summary.json", nlohmann::ordered_json()), InputError);
+}
+
+}  // namespace
+}  // namespace palpate

@@ -1,0 +1,412 @@
+#include <cmath>
+#include <numbers>
+
+#include "palpate/scene/reader.h"
+#include "scene_text.h"
+
+namespace palpate {
+namespace {
+
+constexpr double pi = std::numbers::pi;
+
+SceneConfig read(const std::string& text) { return readSceneFromString(text, "s.yaml"); }
+
+std::string rejectedText(const std::string& text) {
+  return rejection([&] { read(text); });
+}
+
+/// What the reader says to the full scene with one change.
+std::string rejectedChange(const std::string& from, const std::string& to) {
+  return rejectedText(replaced(full_scene, from, to));
+}
+
+void expectClose(const Vec3& actual, const Vec3& expected) {
+  EXPECT_LT((actual - expected).norm(), 1e-14) << actual.transpose();
+}
+
+TEST(SceneReader, ReadsTheRun) {
+  const SceneConfig scene = read(full_scene);
+  EXPECT_EQ(scene.name, "everything");
+  EXPECT_EQ(scene.description, "all keys");
+  expectClose(scene.gravity, {0.1, -0.2, -9.5});
+  EXPECT_EQ(scene.duration, 7.0);
+  EXPECT_EQ(scene.method, MethodName::hsl_exact);
+  EXPECT_EQ(scene.aim, AimName::predicted);
+  EXPECT_EQ(scene.derivative, DerivativeName::full);
+  EXPECT_EQ(scene.latency, 2);
+  EXPECT_EQ(scene.seed, 18446744073709551615ULL);
+  EXPECT_EQ(scene.visual_step, 0.02);
+  EXPECT_EQ(scene.haptic_step, 0.002);
+  EXPECT_EQ(scene.ticksPerStep(), 10);
+  EXPECT_TRUE(scene.weight_compensation);
+}
+
+TEST(SceneReader, ReadsContactLinkDeviceAndSafety) {
+  const SceneConfig scene = read(full_scene);
+  EXPECT_TRUE(scene.contact.cone.exact);
+  EXPECT_EQ(scene.contact.cone.facets, 12);
+  EXPECT_EQ(scene.contact.friction, 0.7);
+  EXPECT_EQ(scene.contact.margin, 0.004);
+  EXPECT_EQ(scene.contact.penetration_tolerance, 2e-5);
+  EXPECT_EQ(scene.contact.max_passes, 6);
+  EXPECT_FALSE(scene.contact.reduction);
+  EXPECT_EQ(scene.contact.solver.max_iterations, 500);
+  EXPECT_EQ(scene.contact.solver.tolerance, 1e-8);
+  EXPECT_EQ(scene.link.stiffness, 600.0);
+  EXPECT_EQ(scene.link.damping, 4.0);
+  EXPECT_EQ(scene.link.rotational_stiffness, 0.9);
+  EXPECT_EQ(scene.link.rotational_damping, 0.004);
+  EXPECT_EQ(scene.device.kind, DeviceName::recorded);
+  EXPECT_EQ(scene.device.recording->file, "motion.csv");
+  EXPECT_EQ(scene.device.mass, 0.05);
+  EXPECT_EQ(scene.device.inertia, 2e-4);
+  EXPECT_EQ(scene.device.damping, 0.3);
+  EXPECT_EQ(scene.device.rotational_damping, 6e-4);
+  EXPECT_EQ(scene.device.hand_stiffness, 400.0);
+  EXPECT_EQ(scene.device.hand_damping, 7.0);
+  EXPECT_EQ(scene.device.hand_rotational_stiffness, 1.5);
+  EXPECT_EQ(scene.device.hand_rotational_damping, 0.02);
+  EXPECT_EQ(scene.device.limits.peak_force, 8.0);
+  EXPECT_EQ(scene.device.limits.continuous_force, 2.0);
+  EXPECT_EQ(scene.device.limits.peak_torque, 0.2);
+  EXPECT_EQ(scene.device.limits.stiffness, 900.0);
+  EXPECT_EQ(scene.device.limits.damping, 6.0);
+  EXPECT_EQ(scene.device.limits.rotational_stiffness, 2.0);
+  EXPECT_EQ(scene.device.limits.rotational_damping, 0.006);
+  EXPECT_EQ(scene.device.limits.workspace_radius, 0.2);
+  EXPECT_EQ(scene.safety.max_slew, 500.0);
+  EXPECT_EQ(scene.safety.start_ramp, 0.3);
+  EXPECT_EQ(scene.safety.model_age_limit, 0.2);
+}
+
+TEST(SceneReader, ReadsTheTool) {
+  const ToolConfig tool = read(full_scene).tool;
+  EXPECT_EQ(tool.name, "tool");
+  EXPECT_EQ(std::get<AlienShapeConfig>(tool.shape).height, 0.3);
+  EXPECT_EQ(std::get<AlienShapeConfig>(tool.shape).resolution, 0.03);
+  EXPECT_EQ(tool.tetrahedra, 288);
+  expectClose(tool.pose.position, {0.1, 0.2, 0.3});
+  expectClose(tool.pose.rotation * Vec3::UnitX(), Vec3::UnitY());
+  EXPECT_EQ(tool.material.youngs_modulus, 3e4);
+  EXPECT_EQ(tool.material.poisson_ratio, 0.3);
+  EXPECT_EQ(tool.material.density, 250.0);
+  EXPECT_EQ(tool.material.damping_alpha, 0.5);
+  EXPECT_EQ(tool.material.damping_beta, 0.001);
+  EXPECT_EQ(tool.friction, 0.9);
+}
+
+TEST(SceneReader, ReadsHandles) {
+  const ToolConfig tool = read(full_scene).tool;
+  ASSERT_EQ(tool.handles.size(), 5U);
+  EXPECT_EQ(tool.handle, "grip");
+  EXPECT_EQ(&tool.chosenHandle(), &tool.handles[1]);
+  expectClose(std::get<SphereRegionConfig>(tool.handles[0].region).center, {0.01, 0.02, 0.03});
+  EXPECT_EQ(std::get<SphereRegionConfig>(tool.handles[0].region).radius, 0.04);
+  EXPECT_EQ(std::get<LandmarkRegionConfig>(tool.handles[1].region).landmark, "left_hand");
+  EXPECT_EQ(std::get<LandmarkRegionConfig>(tool.handles[1].region).radius, 0.05);
+  expectClose(std::get<BoxRegionConfig>(tool.handles[2].region).min, {-1, -2, -3});
+  expectClose(std::get<BoxRegionConfig>(tool.handles[2].region).max, {1, 2, 3});
+  expectClose(std::get<CapsuleRegionConfig>(tool.handles[3].region).b, {0, 0, 1});
+  EXPECT_EQ(std::get<CapsuleRegionConfig>(tool.handles[3].region).radius, 0.1);
+  expectClose(std::get<HalfspaceRegionConfig>(tool.handles[4].region).point, {0, 0, 0.1});
+  expectClose(std::get<HalfspaceRegionConfig>(tool.handles[4].region).normal, {0, 0, 1});
+  const HandleConfig& grip = tool.handles[1];
+  EXPECT_EQ(grip.mass, 0.03);
+  expectClose(*grip.inertia, {1e-5, 2e-5, 2.5e-5});
+  EXPECT_FALSE(tool.handles[0].inertia.has_value());
+  EXPECT_FALSE(grip.hand.smooth);
+  ASSERT_EQ(grip.hand.keyframes.size(), 2U);
+  EXPECT_EQ(grip.hand.keyframes[1].time, 1.5);
+  expectClose(grip.hand.keyframes[1].position, {0.01, 0.02, 0.03});
+  expectClose(grip.hand.keyframes[1].rotation, {0, pi, 0});
+}
+
+TEST(SceneReader, ReadsBodies) {
+  const SceneConfig scene = read(full_scene);
+  ASSERT_EQ(scene.bodies.size(), 6U);
+  const FreeBodyConfig& cushion = scene.bodies[0];
+  EXPECT_EQ(cushion.name, "cushion");
+  expectClose(std::get<BarShapeConfig>(cushion.shape).size, {0.1, 0.2, 0.3});
+  EXPECT_EQ(std::get<BarShapeConfig>(cushion.shape).cells, (std::array<int, 3>{2, 3, 4}));
+  expectClose(cushion.velocity, {1, 2, 3});
+  expectClose(cushion.angular_velocity, {pi, 0, 0});
+  EXPECT_EQ(cushion.friction, 0.2);
+  EXPECT_TRUE(cushion.settled);
+  const auto& surface = std::get<SurfaceShapeConfig>(scene.bodies[1].shape);
+  EXPECT_EQ(scene.bodies[1].name, "body-2");
+  EXPECT_EQ(scene.bodies[1].tetrahedra, 100);
+  EXPECT_FALSE(scene.bodies[1].settled);
+  EXPECT_EQ(surface.file.file, "a.obj");
+  EXPECT_EQ(surface.size, 0.2);
+  EXPECT_EQ(surface.up, AxisName::y);
+  expectClose(std::get<BoxShapeConfig>(scene.bodies[2].shape).size, {0.1, 0.1, 0.2});
+  EXPECT_EQ(std::get<SphereShapeConfig>(scene.bodies[3].shape).radius, 0.05);
+  EXPECT_EQ(std::get<CapsuleShapeConfig>(scene.bodies[4].shape).radius, 0.02);
+  EXPECT_EQ(std::get<CapsuleShapeConfig>(scene.bodies[4].shape).length, 0.1);
+  EXPECT_EQ(std::get<TetrahedraFileShapeConfig>(scene.bodies[5].shape).file.file, "b.msh");
+}
+
+TEST(SceneReader, ReadsObstacles) {
+  const SceneConfig scene = read(full_scene);
+  ASSERT_EQ(scene.obstacles.size(), 4U);
+  const auto& plane = std::get<PlaneObstacleConfig>(scene.obstacles[0].geometry);
+  EXPECT_EQ(scene.obstacles[0].name, "ground");
+  EXPECT_EQ(scene.obstacles[0].friction, 0.3);
+  expectClose(plane.point, {0, 0, 1});
+  expectClose(plane.normal, {0, 0.6, 0.8});
+  const auto& box = std::get<BoxObstacleConfig>(scene.obstacles[1].geometry);
+  EXPECT_EQ(scene.obstacles[1].name, "obstacle-2");
+  EXPECT_FALSE(scene.obstacles[1].friction.has_value());
+  expectClose(box.pose.position, {1, 2, 3});
+  expectClose(box.pose.rotation * Vec3::UnitY(), Vec3::UnitZ());
+  expectClose(box.half_extents, {0.1, 0.2, 0.3});
+  expectClose(std::get<SphereObstacleConfig>(scene.obstacles[2].geometry).center, {4, 5, 6});
+  EXPECT_EQ(std::get<SphereObstacleConfig>(scene.obstacles[2].geometry).radius, 0.5);
+  expectClose(std::get<CapsuleObstacleConfig>(scene.obstacles[3].geometry).b, {1, 0, 0});
+  EXPECT_EQ(std::get<CapsuleObstacleConfig>(scene.obstacles[3].geometry).radius, 0.05);
+}
+
+TEST(SceneReader, SmallSceneHasTheDefaultsOfItsStructs) {
+  const SceneConfig scene = read(small_scene);
+  const SceneConfig defaults;
+  EXPECT_EQ(scene.gravity, defaults.gravity);
+  EXPECT_EQ(scene.duration, defaults.duration);
+  EXPECT_EQ(scene.visual_step, 0.033);
+  EXPECT_EQ(scene.ticksPerStep(), 33);
+  EXPECT_EQ(scene.latency, 1);
+  EXPECT_EQ(scene.method, MethodName::hsl);
+  EXPECT_EQ(scene.aim, AimName::sample);
+  EXPECT_FALSE(scene.contact.cone.exact);
+  EXPECT_EQ(scene.contact.solver.tolerance, ContactSolverSettings{}.tolerance);
+  EXPECT_EQ(scene.device.kind, DeviceName::simulated);
+  EXPECT_EQ(scene.device.limits.peak_force, DeviceLimits{}.peak_force);
+  EXPECT_FALSE(scene.link.stiffness || scene.safety.max_slew || scene.device.mass || scene.tool.friction);
+  EXPECT_EQ(scene.tool.handle, "top");
+  EXPECT_TRUE(scene.tool.chosenHandle().hand.keyframes.empty());
+  EXPECT_TRUE(scene.tool.chosenHandle().hand.smooth);
+}
+
+TEST(SceneReader, NumbersReadToTheLastDigit) {
+  for (const auto& [text, value] :
+       std::vector<std::pair<std::string, double>>{{"0.1", 0.1},
+                                                   {"+3", 3.0},
+                                                   {".5", 0.5},
+                                                   {"1e-3", 0.001},
+                                                   {"2.5E+1", 25.0},
+                                                   {"7.", 7.0},
+                                                   {"1.7976931348623157", 1.7976931348623157}}) {
+    EXPECT_EQ(read(small_scene + "duration: " + text).duration, value) << text;
+  }
+}
+
+TEST(SceneReader, ErrorsNameFileKeyLineAndRange) {
+  EXPECT_EQ(
+      rejectedChange("density: 250", "density: -3"),
+      "s.yaml: tool.material.density (line 24): -3 is out of range; it must be above 0 and at most 100000 kg/m^3");
+  EXPECT_EQ(
+      rejectedChange("[0.1, -0.2, -9.5]", "[0.1, -0.2, .nan]"),
+      "s.yaml: gravity[2] (line 4): nan is not a finite number; it must be at least -1000 and at most 1000 m/s^2");
+}
+
+TEST(SceneReader, UnknownKeysGetTheNearestKnownOne) {
+  EXPECT_EQ(rejectedChange("density: 250", "densty: 250"),
+            "s.yaml: tool.material (line 24): unknown key \"densty\"; the nearest known key is \"density\"");
+  EXPECT_EQ(rejectedChange("gravity:", "gravtiy:"),
+            "s.yaml: line 4: unknown key \"gravtiy\"; the nearest known key is \"gravity\"");
+  EXPECT_EQ(
+      rejectedChange("keyframes:", "key_frames:"),
+      "s.yaml: tool.handles.grip.hand (line 36): unknown key \"key_frames\"; the nearest known key is \"keyframes\"");
+  EXPECT_EQ(rejectedChange("{alien:", "{allien:"),
+            "s.yaml: tool.shape (line 21): unknown key \"allien\"; the nearest known key is \"alien\"");
+  const std::string strange = rejectedText(small_scene + "\"a\\nb" + std::string(500, 'x') + "\": 1\n");
+  EXPECT_EQ(strange.find('\n'), std::string::npos);
+  EXPECT_LT(strange.size(), 200U);
+}
+
+TEST(SceneReader, RejectsWhatIsNoScene) {
+  EXPECT_EQ(rejectedText("42"), "s.yaml: line 1: must be a map with keys such as palpate");
+  EXPECT_EQ(rejectedText("[1, 2]"), "s.yaml: line 1: must be a map with keys such as palpate");
+  EXPECT_EQ(rejectedText("name: x\n"), "s.yaml: line 1: the key \"palpate\" is missing");
+  EXPECT_EQ(rejectedChange("palpate: 1", "palpate: 2"),
+            "s.yaml: palpate (line 1): schema version 2 is not known; this program reads version 1");
+  EXPECT_EQ(rejectedText("palpate: 1\nname: x\n"), "s.yaml: line 1: the key \"tool\" is missing");
+}
+
+/// A change of the full scene, the key path that must be named and a part of the cause.
+struct BadChange {
+  const char* from;
+  const char* to;
+  const char* key;
+  const char* cause;
+};
+void PrintTo(const BadChange& change, std::ostream* stream) { *stream << change.to; }
+
+class SceneReaderRejects : public testing::TestWithParam<BadChange> {};
+
+TEST_P(SceneReaderRejects, NamesKeyAndCause) {
+  const std::string message = rejectedChange(GetParam().from, GetParam().to);
+  EXPECT_EQ(message.rfind(std::string("s.yaml: ") + GetParam().key, 0), 0U) << message;
+  EXPECT_NE(message.find(GetParam().cause), std::string::npos) << message;
+  EXPECT_EQ(message.find('\n'), std::string::npos) << message;
+}
+
+const BadChange bad_types[] = {
+    {"duration: 7", "duration: long", "duration (", "\"long\" is not a number"},
+    {"duration: 7", "duration: 7s", "duration (", "\"7s\" is not a number"},
+    {"duration: 7", "duration:", "duration (", "has no value"},
+    {"duration: 7", "duration: [7]", "duration (", "is a list; it must be a number"},
+    {"duration: 7", "duration: {s: 7}", "duration (", "is a map; it must be a number"},
+    {"duration: 7", "duration: 1e999", "duration (", "too large or too small"},
+    {"duration: 7", "duration: .inf", "duration (", "inf is not a finite number"},
+    {"duration: 7", "duration: -.inf", "duration (", "-inf is not a finite number"},
+    {"duration: 7", "duration: nan", "duration (", "nan is not a finite number"},
+    {"latency: 2", "latency: 1.5", "latency (", "1.5 is not a whole number"},
+    {"seed: 18446744073709551615", "seed: 18446744073709551616", "seed (", "not a whole number from 0"},
+    {"seed: 18446744073709551615", "seed: -1", "seed (", "not a whole number from 0"},
+    {"weight_compensation: true", "weight_compensation: 1", "weight_compensation (", "not one of false, true"},
+    {"gravity: [0.1, -0.2, -9.5]", "gravity: -9.81", "gravity (", "must be a list"},
+    {"gravity: [0.1, -0.2, -9.5]", "gravity: [0, -9.81]", "gravity (", "has 2 numbers; it must have 3"},
+    {"gravity: [0.1, -0.2, -9.5]", "gravity: [0, 0, 0, 0]", "gravity (", "has 4 entries; at most 3"},
+    {"name: everything", "name: [a]", "name (", "is a list; it must be a name"},
+    {"name: everything", "name: a/b", "name (", "\"a/b\" is not a name"},
+    {"name: everything", "name: \"\"", "name (", "is not a name"},
+    {"description: all keys", "description: \"a\\0b\"", "description (", "zero byte"},
+    {"visual: {step: 0.02}", "visual: 0.02", "visual (", "must be a map with keys such as step"},
+    {"visual: {step: 0.02}", "visual: {}", "visual (", "the key \"step\" is missing"},
+    {"cells: [2, 3, 4]", "cells: [2, 3]", "bodies[0].shape.bar.cells (", "it must have 3"},
+    {"cells: [2, 3, 4]", "cells: [2, 3, 4.5]", "bodies[0].shape.bar.cells[2] (", "not a whole number"},
+};
+
+const BadChange bad_ranges[] = {
+    {"duration: 7", "duration: 0", "duration (", "above 0 and at most 3600 s"},
+    {"duration: 7", "duration: 4000", "duration (", "above 0 and at most 3600 s"},
+    {"visual: {step: 0.02}", "visual: {step: 0}", "visual.step (", "above 0 and at most 1 s"},
+    {"haptic: {step: 0.002}", "haptic: {step: 0}", "haptic.step (", "at least 1e-05"},
+    {"visual: {step: 0.02}", "visual: {step: 0.021}",
+     "visual.step:", "not a whole multiple of the haptic step, 0.002 s"},
+    {"visual: {step: 0.02}", "visual: {step: 0.0005}", "visual.step:", "not a whole multiple"},
+    {"latency: 2", "latency: -1", "latency (", "at least 0 and at most 100"},
+    {"method: hsl-exact", "method: hls", "method (", "\"hls\" is not one of hsl, hsl-exact, vc"},
+    {"aim: predicted", "aim: guess", "aim (", "not one of sample, predicted"},
+    {"derivative: full", "derivative: half", "linearization.derivative (", "not one of frozen, full"},
+    {"cone: exact", "cone: round", "contact.cone (", "not one of polyhedral, exact"},
+    {"facets: 12", "facets: 2", "contact.facets (", "at least 3 and at most 64"},
+    {"friction: 0.7", "friction: -0.1", "contact.friction (", "at least 0"},
+    {"friction: 0.9", "friction: -0.1", "tool.friction (", "at least 0"},
+    {"friction: 0.2", "friction: -0.1", "bodies[0].friction (", "at least 0"},
+    {"friction: 0.3", "friction: -0.1", "obstacles[0].friction (", "at least 0"},
+    {"margin: 0.004", "margin: 0", "contact.margin (", "above 0 and at most 1 m"},
+    {"penetration_tolerance: 2.0e-5", "penetration_tolerance: 0", "contact.penetration_tolerance (", "above 0"},
+    {"max_passes: 6", "max_passes: 0", "contact.max_passes (", "at least 1"},
+    {"max_iterations: 500", "max_iterations: 0", "contact.solver.max_iterations (", "at least 1"},
+    {"tolerance: 1.0e-8", "tolerance: 1", "contact.solver.tolerance (", "above 0 and below 1"},
+    {"youngs_modulus: 3.0e4", "youngs_modulus: 0", "tool.material.youngs_modulus (", "above 0 and at most 1e+12 Pa"},
+    {"poisson_ratio: 0.3", "poisson_ratio: 0.5", "tool.material.poisson_ratio (", "above -1 and below 0.5"},
+    {"poisson_ratio: 0.3", "poisson_ratio: -1", "tool.material.poisson_ratio (", "above -1 and below 0.5"},
+    {"damping_alpha: 0.5", "damping_alpha: -1", "tool.material.damping_alpha (", "at least 0"},
+    {"damping_beta: 0.001", "damping_beta: -1", "tool.material.damping_beta (", "at least 0"},
+    {"mass: 0.03", "mass: -0.03", "tool.handles.grip.mass (", "above 0 and at most 100 kg"},
+    {"inertia: [1.0e-5, 2.0e-5, 2.5e-5]", "inertia: [0, 1, 1]", "tool.handles.grip.inertia[0] (", "above 0"},
+    {"inertia: [1.0e-5, 2.0e-5, 2.5e-5]", "inertia: [1, 1, 3]", "tool.handles.grip.inertia (", "exceeds the sum"},
+    {"tetrahedra: 288", "tetrahedra: 200001", "tool.tetrahedra (", "at most 200000"},
+    {"tetrahedra: 288", "tetrahedra: 9", "tool.tetrahedra (", "at least 10"},
+    {"tetrahedra: 288", "tetrahedra: 200000", "", "at most 200000 are allowed"},
+    {"cells: [2, 3, 4]", "cells: [2, 3, 0]", "bodies[0].shape.bar.cells[2] (", "at least 1 and at most 200"},
+    {"cells: [2, 3, 4]", "cells: [200, 200, 200]", "", "the scene asks for"},
+    {"height: 0.3", "height: 0", "tool.shape.alien.height (", "at least 0.01"},
+    {"resolution: 0.03", "resolution: 0.001", "tool.shape.alien.resolution (", "at least 0.005"},
+    {"size: [0.1, 0.2, 0.3]", "size: [0.1, 0, 0.3]", "bodies[0].shape.bar.size[1] (", "at least 0.0001"},
+    {"size: 0.2, up", "size: -0.2, up", "bodies[1].shape.surface.size (", "at least 0.0001"},
+    {"sphere: {radius: 0.05}", "sphere: {radius: 0}", "bodies[3].shape.sphere.radius (", "at least 0.0001"},
+    {"length: 0.1", "length: 0.03", "bodies[4].shape.capsule (", "at least twice the radius"},
+    {"position: [0.1, 0.2, 0.3]", "position: [0.1, 0.2, 300]", "tool.pose.position[2] (", "at most 100 m"},
+    {"half_extents: [0.1, 0.2, 0.3]", "half_extents: [0.1, 0.2, 0]", "obstacles[1].box.half_extents[2] (",
+     "at least 0.0001"},
+    {"normal: [0, 3, 4]", "normal: [0, 0, 0]", "obstacles[0].plane.normal (", "zero vector"},
+    {"normal: [0, 0, 4]", "normal: [0, 0, 0]", "tool.handles.top.region.halfspace.normal (", "zero vector"},
+    {"min: [-1, -2, -3]", "min: [2, -2, -3]", "tool.handles.brick.region.box (", "min must not be above max"},
+    {"t: 1.5", "t: 0", "tool.handles.grip.hand.keyframes[1] (", "t = 0 s is not later"},
+    {"t: 1.5", "t: -1", "tool.handles.grip.hand.keyframes[1].t (", "at least 0"},
+    {"- {t: 0}", "- {}", "tool.handles.grip.hand.keyframes[0] (", "the key \"t\" is missing"},
+    {"stiffness: 600", "stiffness: 0", "link.stiffness (", "above 0 and at most 1e+06 N/m"},
+    {"damping: 4,", "damping: -4,", "link.damping (", "at least 0"},
+    {"mass: 0.05", "mass: 0", "device.mass (", "above 0"},
+    {"hand_stiffness: 400", "hand_stiffness: -1", "device.hand_stiffness (", "at least 0"},
+    {"peak_force: 8", "peak_force: 1", "device.limits (", "continuous_force 2 N is above peak_force 1 N"},
+    {"workspace_radius: 0.2", "workspace_radius: 0", "device.limits.workspace_radius (", "above 0"},
+    {"max_slew: 500", "max_slew: 0", "safety.max_slew (", "above 0"},
+    {"start_ramp: 0.3", "start_ramp: -1", "safety.start_ramp (", "at least 0"},
+    {"model_age_limit: 0.2", "model_age_limit: 0", "safety.model_age_limit (", "above 0"},
+};
+
+const BadChange bad_references[] = {
+    {"handle: grip", "handle: gripp", "tool.handle (", "the tool has no handle \"gripp\"; the nearest is \"grip\""},
+    {"name: left_hand", "name: tail", "tool.handles.grip.region.landmark.name (", "not one of head"},
+    {"shape: {alien: {height: 0.3, resolution: 0.03}}", "shape: {sphere: {radius: 0.1}}",
+     "tool.handles.grip.region.landmark (", "only the shape alien has landmarks"},
+    {"region: {sphere: {center: [0.01, 0.02, 0.03], radius: 0.04}}", "mass: 1", "tool.handles.ball (",
+     "the key \"region\" is missing"},
+    {"region: {sphere: {center: [0.01, 0.02, 0.03], radius: 0.04}}", "region: {}", "tool.handles.ball.region (",
+     "has 0 of the keys sphere, box, capsule, halfspace, landmark; it must have exactly one"},
+    {"    ball:", "    \"a b\":", "tool.handles (", "\"a b\" is not a name"},
+    {"    ball:", "    grip:", "line ", "a key is given twice"},
+    {"  - {sphere: {center: [4, 5, 6], radius: 0.5}}", "  - {name: none}", "obstacles[2] (", "has 0 of the keys plane"},
+    {"  - {sphere: {center: [4, 5, 6], radius: 0.5}}", "  - {plane: {}, sphere: {center: [4, 5, 6], radius: 0.5}}",
+     "obstacles[2] (", "has 2 of the keys plane"},
+    {"name: cushion", "name: tool", "bodies[0] (", "the name \"tool\" is given twice"},
+    {"name: cushion", "name: body-2", "bodies[1] (", "the name \"body-2\" is given twice"},
+    {"name: ground", "name: cushion", "obstacles[0] (", "the name \"cushion\" is given twice"},
+    {"start: settled", "start: asleep", "bodies[0].start (", "not one of rest, settled"},
+    {"file: a.obj, size: 0.2", "size: 0.2", "bodies[1].shape.surface (", "the key \"file\" is missing"},
+    {"file: a.obj", "file: \"\"", "bodies[1].shape.surface.file (", "a file name is needed"},
+    {"file: a.obj", "file: a.obj, package: ..", "bodies[1].shape.surface.package (", "not a package name"},
+    {"file: a.obj", "file: ../a.obj, package: p", "bodies[1].shape.surface (", "has no .."},
+    {"file: a.obj", "file: /a.obj, package: p", "bodies[1].shape.surface (", "relative to the package's data folder"},
+    {"up: y", "up: down", "bodies[1].shape.surface.up (", "not one of x, y, z"},
+    {"start: settled", "tetrahedra: 300", "bodies[0].tetrahedra (", "tetrahedra of its own"},
+    {"type: recorded", "type: simulated", "device (", "only a recorded device has a file"},
+    {"  file: motion.csv\n", "", "device (", "a recorded device needs a file"},
+    {"type: recorded", "type: omni", "device.type (", "not one of simulated, prescribed, recorded"},
+};
+
+INSTANTIATE_TEST_SUITE_P(Types, SceneReaderRejects, testing::ValuesIn(bad_types));
+INSTANTIATE_TEST_SUITE_P(Ranges, SceneReaderRejects, testing::ValuesIn(bad_ranges));
+INSTANTIATE_TEST_SUITE_P(References, SceneReaderRejects, testing::ValuesIn(bad_references));
+
+TEST(SceneReader, RejectsTooManyOfAnything) {
+  const auto list = [](const std::string& item, int count) {
+    std::string text = "[";
+    for (int i = 0; i < count; ++i) text += (i > 0 ? ", " : "") + item;
+    return text + "]";
+  };
+  EXPECT_NE(rejectedText(small_scene + "obstacles: " + list("{plane: {}}", 1001)).find("at most 1000"),
+            std::string::npos);
+  EXPECT_NE(rejectedText(small_scene + "bodies: " + list("{shape: {alien: {}}}", 101)).find("at most 100"),
+            std::string::npos);
+  EXPECT_NE(
+      rejectedText(small_scene + "      hand: {keyframes: " + list("{t: 1}", 10001) + "}\n").find("at most 10000"),
+      std::string::npos);
+  std::string many_handles = small_scene;
+  for (int i = 0; i < 50; ++i)
+    many_handles += "    h" + std::to_string(i) + ": {region: {sphere: {center: [0, 0, 0], radius: 1}}}\n";
+  EXPECT_NE(rejectedText(many_handles).find("tool.handles (line 6): has 51 entries; at most 50"), std::string::npos);
+  EXPECT_NE(rejectedText("palpate: 1\nname: x\ntool: {shape: {alien: {}}, handles: {}}\n").find("at least one handle"),
+            std::string::npos);
+}
+
+TEST(SceneReader, RejectsARunThatIsTooLongForItsStep) {
+  EXPECT_EQ(rejectedText(small_scene + "duration: 3600\nhaptic: {step: 0.0001}\nvisual: {step: 0.01}\n"),
+            "s.yaml: visual.step: 3600 s at a haptic step of 0.0001 s are more than 1e+07 ticks");
+}
+
+// An alias bomb cannot grow: the schema bounds every list by a count, and aliases are not copied.
+TEST(SceneReader, AliasesWorkWithinTheSchema) {
+  const SceneConfig scene =
+      read(small_scene + "gravity: &g [0, 0, -1]\nbodies: [&b {shape: {sphere: {radius: 0.1}}, velocity: *g}, *b]\n");
+  ASSERT_EQ(scene.bodies.size(), 2U);
+  EXPECT_EQ(scene.bodies[1].name, "body-2");
+  expectClose(scene.bodies[1].velocity, {0, 0, -1});
+}
+
+}  // namespace
+}  // namespace palpate

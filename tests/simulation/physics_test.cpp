@@ -1,0 +1,3 @@
+#include <gtest/gtest.h>
+#include "palpate/simulation/world.h"
+TEST(X, Y) {}
