@@ -4,8 +4,9 @@ target_include_directories(palpate_options INTERFACE ${CMAKE_SOURCE_DIR}/src)
 target_compile_options(palpate_options INTERFACE -Wall -Wextra -Wshadow -Wconversion -Wno-sign-conversion -Wpedantic
                                                  -fno-math-errno)
 if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
-  # GCC 12 gives false alarms inside its own AVX-512 headers (GCC bug 105593)
-  target_compile_options(palpate_options INTERFACE -Wno-maybe-uninitialized -Wno-uninitialized)
+  # GCC 12 gives false alarms inside its own AVX-512 headers, Eigen and std::string (GCC bugs 105593, 105651)
+  target_compile_options(palpate_options INTERFACE -Wno-maybe-uninitialized -Wno-uninitialized -Wno-restrict
+                                                   -Wno-array-bounds -Wno-stringop-overread -Wno-stringop-overflow)
 endif()
 if(PALPATE_WERROR)
   target_compile_options(palpate_options INTERFACE -Werror)

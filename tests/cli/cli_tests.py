@@ -31,6 +31,9 @@ def main():
             except Failure as failure:
                 failures += 1
                 print(f"{name}: {failure}", file=sys.stderr)
+            except (OSError, LookupError, TypeError, ValueError) as error:  # a result that is missing or of another form
+                failures += 1
+                print(f"{name}: {type(error).__name__}: {error}", file=sys.stderr)
     return 1 if failures else 0
 
 

@@ -7,7 +7,7 @@ from harness import CASES, SCENE, case, expect
 
 SUBCOMMANDS = ["run", "one-d", "check", "evaluate", "mesh", "validate", "devices"]
 UNITS = r"_(s|ms|us|m|kg|N|Nm|Pa|J|rad|deg|Hz|m_s|rad_s|N_m|m3|m2|count)$"
-WITHOUT_UNIT = r"(^|_)(q?[wxyz]|contacts.*|iterations|.*iterations|residual|.*residual|active|buttons|flags?|step|tick|.*_rel|scene|method|handle|device|aim|passes|missed|.*stale.*)$"
+WITHOUT_UNIT = r"(^|_)(q?[wxyz]|contacts.*|iterations|.*iterations|residual|.*residual|active|buttons|flags?|step|tick|.*_rel|scene|method|handle|device|aim|passes|status|missed|.*stale.*)$"
 
 
 def numbers(rows, column):

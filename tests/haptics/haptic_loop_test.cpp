@@ -4,6 +4,7 @@
 
 #include <cmath>
 #include <limits>
+#include <vector>
 
 #include "palpate/common/error.h"
 #include "test_models.h"
@@ -202,14 +203,10 @@ double rebound(double kd, double b, double k) {
   loop.start(Pose{}, Pose{}, 0.0);
   const double mass = 0.045;
   const double speed = 0.3;
-  Pose proxy;
-  double x = 0.02, v = -speed;
-  proxy.position.x() = x;
-  loop.start(proxy, proxy, 0.0);
+  double x = 0.0, v = -speed;
   TickRecord record;
-  record.proxy = proxy;
   HandleModel model;
-  for (int i = 0; i < 1000 && !(v > 0.0 && x > 0.02); ++i) {
+  for (int i = 0; i < 1000 && x <= 0.0; ++i) {
     // Wall at x = 0, felt by the proxy alone.
     model.kx(0, 0) = record.proxy.position.x() < 0.0 ? -k : 0.0;
     record = loop.tick(deviceAt(Pose{Vec3(x, 0, 0), Quat::Identity()}, v * Vec6::Unit(0)), &model, i * kDt);
@@ -219,7 +216,7 @@ double rebound(double kd, double b, double k) {
       x += kDt / 100 * v;
     }
   }
-  EXPECT_GT(x, 0.019);
+  EXPECT_GT(x, 0.0);
   return v * v / (speed * speed);
 }
 
@@ -237,7 +234,7 @@ TEST(PassivityObserver, CountsWhatAHeldForceDoes) {
   settings.link.damping = 0.0;
   HapticLoop loop(settings);
   loop.start(Pose{}, Pose{}, 0.0);
-  const HandleModel model;
+  HandleModel model;
   // Slowly out to 4 mm and back: the spring's energy is put in and comes back, but for the hold of one tick, which
   // returns K T / 2 v^2 dt a tick more than it took.
   const double speed = 0.02;
@@ -245,6 +242,7 @@ TEST(PassivityObserver, CountsWhatAHeldForceDoes) {
   TickRecord record;
   for (int i = 0; i <= 400; ++i) {
     const double x = speed * kDt * (i <= 200 ? i : 400 - i);
+    model.time = i * kDt;
     record = loop.tick(deviceAt(Pose{Vec3(x, 0, 0), Quat::Identity()}), &model, i * kDt);
     if (i == 200) energy = -record.delivered_energy;
   }

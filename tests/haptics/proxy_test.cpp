@@ -74,21 +74,24 @@ TEST(HandleProxy, SystemIsTheDerivativeOfTheTick) {
 }
 
 TEST(HandleProxy, TickSolvesTheNonlinearEquation) {
-  std::mt19937 random(2);
-  HandleProxy proxy(lopsidedProxy());
-  for (int trial = 0; trial < 20; ++trial) {
+  // Translation exactly; rotation by one Newton step, whose error falls with the square of the distance.
+  const auto rest = [](double scale) {
+    std::mt19937 random(2);
+    HandleProxy proxy(lopsidedProxy());
     proxy.reset(randomPose(random, 0.1, 1.0), randomVec6(random, 0.3, 3.0));
     HandleModel model;
-    model.pose = advance(proxy.pose(), randomVec6(random, 0.01, 0.3));
+    model.pose = advance(proxy.pose(), scale * randomVec6(random, 0.01, 0.3));
     model.kx = -Mat6(Vec6(300, 300, 300, 0.5, 0.5, 0.5).asDiagonal());
-    const DeviceState device = deviceAt(advance(proxy.pose(), randomVec6(random, 0.01, 0.3)));
+    const DeviceState device = deviceAt(advance(proxy.pose(), scale * randomVec6(random, 0.01, 0.3)), proxy.twist());
     const HandleProxy before = proxy;
     const Vec6 start = residual(before, &model, kLink, device, before.twist());
     proxy.step(&model, kLink, device, kDt);
-    const Vec6 rest = residual(before, &model, kLink, device, proxy.twist());
-    EXPECT_LT(rest.head<3>().norm(), 1e-12 * start.head<3>().norm());
-    EXPECT_LT(rest.tail<3>().norm(), 1e-3 * start.tail<3>().norm());  // one Newton step
-  }
+    const Vec6 left = residual(before, &model, kLink, device, proxy.twist());
+    EXPECT_LT(left.head<3>().norm(), 1e-12 * start.head<3>().norm());
+    EXPECT_LT(left.tail<3>().norm(), 0.02 * start.tail<3>().norm());
+    return left.tail<3>().norm();
+  };
+  EXPECT_LT(rest(0.1), 0.03 * rest(1.0));
 }
 
 TEST(HandleProxy, MatchesTheScalarTickOfTheOneDimensionalExperiment) {

@@ -1,5 +1,6 @@
+#include <fmt/format.h>
+
 #include <chrono>
-#include <cmath>
 
 #include "palpate/scene/document.h"
 #include "scene_text.h"
@@ -21,9 +22,9 @@ TEST(Document, KeepsKindsOrderAndLines) {
   const auto root = parseDocument("b: 1\na:\n  - x\n  - ~\n", "d.yaml");
   ASSERT_EQ(root->kind, DocumentNode::Kind::map);
   ASSERT_EQ(root->entries.size(), 2U);
-  EXPECT_EQ(root->entries[0].first, "b");
-  EXPECT_EQ(root->entries[0].second->scalar, "1");
-  const DocumentNode& list = *root->entries[1].second;
+  EXPECT_EQ(root->entries[0].key, "b");
+  EXPECT_EQ(root->entries[0].value->scalar, "1");
+  const DocumentNode& list = *root->entries[1].value;
   ASSERT_EQ(list.items.size(), 2U);
   EXPECT_EQ(list.items[0]->line, 3);
   EXPECT_EQ(list.items[1]->kind, DocumentNode::Kind::null);
@@ -31,7 +32,7 @@ TEST(Document, KeepsKindsOrderAndLines) {
 
 TEST(Document, AliasesShareTheirValue) {
   const auto root = parseDocument("a: &v [1, 2]\nb: *v\n", "d.yaml");
-  EXPECT_EQ(root->entries[0].second, root->entries[1].second);
+  EXPECT_EQ(root->entries[0].value, root->entries[1].value);
 }
 
 TEST(Document, RejectsWhatIsNoDocument) {
@@ -43,6 +44,10 @@ TEST(Document, RejectsWhatIsNoDocument) {
   EXPECT_EQ(rejectedText("[a, b]: 1\n"), "d.yaml: line 1: a key must be plain text");
   EXPECT_EQ(rejectedText("a: *missing\n").substr(0, 33), "d.yaml: line 1: is not valid YAML");
   EXPECT_EQ(rejectedText("a: &v [1, *v]\n"), "d.yaml: line 1: an alias inside the value that it names");
+}
+
+TEST(Document, ErrorsShowNoControlCharacters) {
+  EXPECT_EQ(rejectedText("a: \"\\\x01\"\n"), "d.yaml: line 1: is not valid YAML: unknown escape character: ?");
 }
 
 TEST(Document, HoldsItsLimits) {
@@ -59,7 +64,7 @@ TEST(Document, HoldsItsLimits) {
   EXPECT_NE(parseDocument("[[[]]]", "d.yaml", limits), nullptr);
   EXPECT_EQ(rejectedText("[[[[]]]]", limits), "d.yaml: line 1: nested more than 3 deep");
   std::string keys;
-  for (int i = 0; i <= 1000; ++i) keys += "k" + std::to_string(i) + ": 1\n";
+  for (int i = 0; i <= 1000; ++i) keys += fmt::format("k{}: 1\n", i);
   EXPECT_EQ(rejectedText(keys), "d.yaml: line 1001: more than 1000 keys in one map");
 }
 
@@ -82,10 +87,8 @@ TEST(Document, HostileTextsEndSoon) {
 TEST(Document, AliasBombStaysSmall) {
   std::string text = "a0: &a0 [x, x, x, x, x, x, x, x, x, x]\n";
   for (int i = 1; i < 30; ++i) {
-    const std::string last = "*a" + std::to_string(i - 1);
-    text += "a" + std::to_string(i) + ": &a" + std::to_string(i) + " [" + last;
-    for (int k = 1; k < 10; ++k) text += ", " + last;
-    text += "]\n";
+    const std::string below = fmt::format("*a{}", i - 1);
+    text += fmt::format("a{0}: &a{0} [{1}, {1}, {1}, {1}, {1}, {1}, {1}, {1}, {1}, {1}]\n", i, below);
   }
   EXPECT_EQ(parseDocument(text, "d.yaml")->entries.size(), 30U);
 }

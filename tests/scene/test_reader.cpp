@@ -1,4 +1,5 @@
-#include <cmath>
+#include <fmt/format.h>
+
 #include <numbers>
 
 #include "palpate/scene/reader.h"
@@ -202,7 +203,7 @@ TEST(SceneReader, NumbersReadToTheLastDigit) {
 TEST(SceneReader, ErrorsNameFileKeyLineAndRange) {
   EXPECT_EQ(
       rejectedChange("density: 250", "density: -3"),
-      "s.yaml: tool.material.density (line 24): -3 is out of range; it must be above 0 and at most 100000 kg/m^3");
+      "s.yaml: tool.material.density (line 26): -3 is out of range; it must be above 0 and at most 100000 kg/m^3");
   EXPECT_EQ(
       rejectedChange("[0.1, -0.2, -9.5]", "[0.1, -0.2, .nan]"),
       "s.yaml: gravity[2] (line 4): nan is not a finite number; it must be at least -1000 and at most 1000 m/s^2");
@@ -210,14 +211,14 @@ TEST(SceneReader, ErrorsNameFileKeyLineAndRange) {
 
 TEST(SceneReader, UnknownKeysGetTheNearestKnownOne) {
   EXPECT_EQ(rejectedChange("density: 250", "densty: 250"),
-            "s.yaml: tool.material (line 24): unknown key \"densty\"; the nearest known key is \"density\"");
+            "s.yaml: tool.material (line 26): unknown key \"densty\"; the nearest known key is \"density\"");
   EXPECT_EQ(rejectedChange("gravity:", "gravtiy:"),
             "s.yaml: line 4: unknown key \"gravtiy\"; the nearest known key is \"gravity\"");
   EXPECT_EQ(
       rejectedChange("keyframes:", "key_frames:"),
-      "s.yaml: tool.handles.grip.hand (line 36): unknown key \"key_frames\"; the nearest known key is \"keyframes\"");
+      "s.yaml: tool.handles.grip.hand (line 38): unknown key \"key_frames\"; the nearest known key is \"keyframes\"");
   EXPECT_EQ(rejectedChange("{alien:", "{allien:"),
-            "s.yaml: tool.shape (line 21): unknown key \"allien\"; the nearest known key is \"alien\"");
+            "s.yaml: tool.shape (line 23): unknown key \"allien\"; the nearest known key is \"alien\"");
   const std::string strange = rejectedText(small_scene + "\"a\\nb" + std::string(500, 'x') + "\": 1\n");
   EXPECT_EQ(strange.find('\n'), std::string::npos);
   EXPECT_LT(strange.size(), 200U);
@@ -388,7 +389,7 @@ TEST(SceneReader, RejectsTooManyOfAnything) {
       std::string::npos);
   std::string many_handles = small_scene;
   for (int i = 0; i < 50; ++i)
-    many_handles += "    h" + std::to_string(i) + ": {region: {sphere: {center: [0, 0, 0], radius: 1}}}\n";
+    many_handles += fmt::format("    h{}: {{region: {{sphere: {{center: [0, 0, 0], radius: 1}}}}}}\n", i);
   EXPECT_NE(rejectedText(many_handles).find("tool.handles (line 6): has 51 entries; at most 50"), std::string::npos);
   EXPECT_NE(rejectedText("palpate: 1\nname: x\ntool: {shape: {alien: {}}, handles: {}}\n").find("at least one handle"),
             std::string::npos);

@@ -1,4 +1,8 @@
+#include <unistd.h>
+
 #include <filesystem>
+#include <fstream>
+#include <iterator>
 #include <set>
 
 #include "palpate/scene/reader.h"

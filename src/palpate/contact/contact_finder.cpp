@@ -50,7 +50,8 @@ void setTangents(Contact& contact) {
   contact.tangent2 = contact.normal.cross(contact.tangent1);
 }
 
-ContactFinder::ContactFinder(const SimulationMesh& mesh) : nodes_(static_cast<int>(mesh.mesh.nodes.size())) {
+ContactFinder::ContactFinder(const SimulationMesh& mesh, double friction)
+    : nodes_(static_cast<int>(mesh.mesh.nodes.size())), friction_(friction) {
   vertex_.resize(mesh.embedding.size());
   std::iota(vertex_.begin(), vertex_.end(), 0);
   std::stable_sort(vertex_.begin(), vertex_.end(),
@@ -99,7 +100,7 @@ void ContactFinder::find(int body, const VecX& x_start, const VecX& x_end, const
         c.first = {body, group.node, weight_[i]};
         c.patch = group.tetrahedron;
         c.partner = o;
-        c.friction = obstacles[o].friction;
+        c.friction = obstacles[o].friction.value_or(friction_);
         c.position = end;
         c.end_gap = at_end.gap;
         if (linearize_at_end) {

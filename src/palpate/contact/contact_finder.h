@@ -50,7 +50,8 @@ void setTangents(Contact& contact);
 class ContactFinder {
  public:
   ContactFinder() = default;
-  explicit ContactFinder(const SimulationMesh& mesh);
+  /// @param friction  of the body, against obstacles that have no coefficient of their own
+  ContactFinder(const SimulationMesh& mesh, double friction);
 
   /// Surface vertices whose gap at x_end is below reach. Gaps are linearized at the start positions or, for
   /// linearize_at_end, at the end positions (for what the first linearization missed).
@@ -77,6 +78,7 @@ class ContactFinder {
   std::vector<int> vertex_;
   std::vector<std::array<double, 4>> weight_;  // as vertex_
   int nodes_ = 0;
+  double friction_ = 0;
   double edge_length_ = 0;
 };
 

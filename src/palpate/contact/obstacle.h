@@ -1,5 +1,6 @@
 #pragma once
 
+#include <optional>
 #include <string>
 #include <variant>
 
@@ -29,7 +30,7 @@ struct CapsuleShape {
 /// Fixed solid that bodies touch.
 struct Obstacle {
   std::variant<PlaneShape, BoxShape, SphereShape, CapsuleShape> shape;
-  double friction = 0.5;  ///< Coulomb coefficient against any body
+  std::optional<double> friction;  ///< Coulomb coefficient against any body; absent: the body's own
   std::string name;
 };
 

@@ -19,7 +19,9 @@ void checkMaterial(const Material& m) {
   if (!(m.poisson_ratio > -1.0 && m.poisson_ratio < 0.5)) {
     throw InputError("material", "poisson_ratio", "must lie in (-1, 0.5)");
   }
-  if (!(m.damping_alpha >= 0 && m.damping_beta >= 0)) throw InputError("material", "damping", "must not be negative");
+  if (!(m.damping_alpha >= 0 && m.damping_beta >= 0) || !std::isfinite(m.damping_alpha + m.damping_beta)) {
+    throw InputError("material", "damping", "must be finite and not negative");
+  }
 }
 
 ElasticElement makeElement(const SimulationMesh& mesh, int index, const Material& material) {
@@ -39,6 +41,13 @@ ElasticElement makeElement(const SimulationMesh& mesh, int index, const Material
   e.lambda = filled * material.youngs_modulus * nu / ((1 + nu) * (1 - 2 * nu));
   e.mu = filled * material.youngs_modulus / (2 * (1 + nu));
   return e;
+}
+
+double elementEnergy(const ElasticElement& e, const Mat3& rotation, const Mat3& f) {
+  const Mat3 g = rotation.transpose() * f;
+  const Mat3 strain = 0.5 * (g + g.transpose()) - Mat3::Identity();
+  const double trace = strain.trace();
+  return e.mu * strain.squaredNorm() + 0.5 * e.lambda * trace * trace;
 }
 
 }  // namespace
@@ -83,11 +92,15 @@ void ElasticMesh::forces(const VecX& x, VecX& f) const {
 
 double ElasticMesh::energy(const VecX& x) const {
   double sum = 0;
+  for (const ElasticElement& e : elements_) sum += elementEnergy(e, e.rotation, e.deformationGradient(x));
+  return sum;
+}
+
+double ElasticMesh::energyAt(const VecX& x) const {
+  double sum = 0;
   for (const ElasticElement& e : elements_) {
-    const Mat3 g = e.rotation.transpose() * e.deformationGradient(x);
-    const Mat3 strain = 0.5 * (g + g.transpose()) - Mat3::Identity();
-    const double trace = strain.trace();
-    sum += e.mu * strain.squaredNorm() + 0.5 * e.lambda * trace * trace;
+    const Mat3 f = e.deformationGradient(x);
+    sum += elementEnergy(e, polarRotation(f, e.rotation), f);
   }
   return sum;
 }

@@ -64,6 +64,8 @@ class ElasticMesh {
   void forces(const VecX& x, VecX& f) const;
   /// Elastic energy at x with the present rotations [J]; its gradient is -forces once the rotations are those of x.
   double energy(const VecX& x) const;
+  /// Elastic energy at x with the rotations of x, which are not kept [J].
+  double energyAt(const VecX& x) const;
 
   /// Prepares assemble(): the pattern of the nodes with row[node] >= 0, which must number 0..n-1.
   SymmetricBlockMatrix pattern(const std::vector<int>& row);

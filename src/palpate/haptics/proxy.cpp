@@ -83,49 +83,49 @@ void HandleProxy::reset(const Pose& pose, const Vec6& twist) noexcept {
 HandleProxy::Parts HandleProxy::evaluate(const HandleModel* model, const LinkParameters& link,
                                          const DeviceState& device, double dt) const noexcept {
   Parts parts;
+  addBody(parts, dt);
+  const Pose predicted = advance(pose_, dt * twist_);
+  const Mat3 left_jacobian = leftJacobian(dt * twist_.tail<3>());
+
+  const Mat3 turn = rotationError(predicted.rotation, device.pose.rotation, left_jacobian).derivative;
+  parts.link.setZero();
+  parts.link.topLeftCorner<3, 3>().diagonal().setConstant(link.damping + dt * link.stiffness);
+  parts.link.bottomRightCorner<3, 3>() = dt * link.rotational_stiffness * turn;
+  parts.link.bottomRightCorner<3, 3>().diagonal().array() += link.rotational_damping;
+  parts.rhs -= dt * couplingWrench(link, predicted, twist_, device);
+
+  parts.derivative.setZero();
+  if (model) addModel(parts, *model, predicted, left_jacobian, dt);
+  return parts;
+}
+
+void HandleProxy::addBody(Parts& parts, double dt) const noexcept {
   const Vec3 spin = twist_.tail<3>();
   const Mat3 rotation = pose_.matrix();
   const Mat3 inertia = rotation * settings_.inertia * rotation.transpose();
-  const Pose predicted = advance(pose_, dt * twist_);
-  const Mat3 left_jacobian = leftJacobian(dt * spin);
-
+  const Vec3 momentum = inertia * spin;
   parts.scale << Vec3::Constant(1.0 / std::sqrt(settings_.mass)), Vec3::Constant(std::sqrt(3.0 / inertia.trace()));
   parts.mass.setZero();
   parts.mass.topLeftCorner<3, 3>().diagonal().setConstant(settings_.mass);
   parts.mass.bottomRightCorner<3, 3>() = inertia;
-
-  const Vec3 momentum = inertia * spin;
   parts.gyroscopic.setZero();
   parts.gyroscopic.bottomRightCorner<3, 3>() = skew(spin) * inertia - skew(momentum);
+  parts.rhs << dt * settings_.mass * settings_.gravity, -dt * spin.cross(momentum);
+}
 
-  const RotationError turn = rotationError(predicted.rotation, device.pose.rotation, left_jacobian);
-  parts.link.setZero();
-  parts.link.topLeftCorner<3, 3>().diagonal().setConstant(link.damping + dt * link.stiffness);
-  parts.link.bottomRightCorner<3, 3>() = dt * link.rotational_stiffness * turn.derivative;
-  parts.link.bottomRightCorner<3, 3>().diagonal().array() += link.rotational_damping;
-
-  Vec6 force;
-  force << settings_.mass * settings_.gravity, -spin.cross(momentum);
-  const Vec6 rate = twist_ - device.twist;
-  force.head<3>() -= link.stiffness * (predicted.position - device.pose.position) + link.damping * rate.head<3>();
-  force.tail<3>() -= link.rotational_stiffness * turn.angle + link.rotational_damping * rate.tail<3>();
-
-  parts.derivative.setZero();
-  if (model) {
-    RotationError error = rotationError(predicted.rotation, model->pose.rotation, left_jacobian);
-    const double angle = error.angle.norm();
-    if (angle > settings_.max_model_rotation) {
-      error.angle *= settings_.max_model_rotation / angle;
-      error.derivative.setZero();
-      parts.flags.set(TickFlag::model_rotation_clamped);
-    }
-    Vec6 offset;
-    offset << predicted.position - model->pose.position, error.angle;
-    force += model->force + model->kx * offset + model->kv * (twist_ - model->twist);
-    parts.derivative = dt * withRotationColumns(model->kx, error.derivative) + model->kv;
+void HandleProxy::addModel(Parts& parts, const HandleModel& model, const Pose& predicted, const Mat3& left_jacobian,
+                           double dt) const noexcept {
+  RotationError error = rotationError(predicted.rotation, model.pose.rotation, left_jacobian);
+  const double angle = error.angle.norm();
+  if (angle > settings_.max_model_rotation) {
+    error.angle *= settings_.max_model_rotation / angle;
+    error.derivative.setZero();
+    parts.flags.set(TickFlag::model_rotation_clamped);
   }
-  parts.rhs = dt * force;
-  return parts;
+  Vec6 offset;
+  offset << predicted.position - model.pose.position, error.angle;
+  parts.rhs += dt * (model.force + model.kx * offset + model.kv * (twist_ - model.twist));
+  parts.derivative = dt * withRotationColumns(model.kx, error.derivative) + model.kv;
 }
 
 ProxySystem HandleProxy::assemble(const HandleModel* model, const LinkParameters& link, const DeviceState& device,
@@ -134,7 +134,7 @@ ProxySystem HandleProxy::assemble(const HandleModel* model, const LinkParameters
   return {parts.mass + dt * (parts.link + parts.gyroscopic - parts.derivative), parts.rhs, parts.flags};
 }
 
-Vec6 HandleProxy::solve(Parts& parts, double dt, TickFlags& flags) const noexcept {
+Vec6 HandleProxy::solve(const Parts& parts, double dt, TickFlags& flags) const noexcept {
   const auto scaled = [&](const Mat6& m) -> Mat6 { return parts.scale.asDiagonal() * m * parts.scale.asDiagonal(); };
   const Mat6 mass = scaled(parts.mass);
   const Mat6 passive = mass + dt * scaled(parts.link);
@@ -155,7 +155,7 @@ Vec6 HandleProxy::solve(Parts& parts, double dt, TickFlags& flags) const noexcep
 
 TickFlags HandleProxy::step(const HandleModel* model, const LinkParameters& link, const DeviceState& device,
                             double dt) noexcept {
-  Parts parts = evaluate(model, link, device, dt);
+  const Parts parts = evaluate(model, link, device, dt);
   TickFlags flags = parts.flags;
   twist_ += solve(parts, dt, flags);
   pose_ = advance(pose_, dt * twist_);

@@ -54,7 +54,10 @@ class HandleProxy {
   struct Parts;
   Parts evaluate(const HandleModel* model, const LinkParameters& link, const DeviceState& device,
                  double dt) const noexcept;
-  Vec6 solve(Parts& parts, double dt, TickFlags& flags) const noexcept;
+  void addBody(Parts& parts, double dt) const noexcept;
+  void addModel(Parts& parts, const HandleModel& model, const Pose& predicted, const Mat3& left_jacobian,
+                double dt) const noexcept;
+  Vec6 solve(const Parts& parts, double dt, TickFlags& flags) const noexcept;
   void limit(const DeviceState& device, TickFlags& flags) noexcept;
 
   ProxySettings settings_;

@@ -9,37 +9,37 @@ namespace palpate {
 namespace {
 
 // All lengths in heights; the right half (+x), mirrored.
-const Vec3 head_center(0, 0.005, 0.745);
-const Vec3 head_radii(0.235, 0.205, 0.255);
-const Vec3 trunk_low(0, 0, 0.285);
-const Vec3 trunk_high(0, 0, 0.42);
-const Vec3 shoulder(0.06, 0, 0.43);
-const Vec3 elbow(0.20, -0.01, 0.375);
-const Vec3 hand_center(0.325, 0.045, 0.32);
-const Vec3 hip(0.052, 0, 0.255);
-const Vec3 ankle(0.10, -0.012, 0.06);
-const Vec3 foot_center(0.108, 0.028, 0.036);
-const Vec3 eye_center(0.095, 0.165, 0.74);
+const Vec3 head_center(0, 0.005, 0.78);
+const Vec3 head_radii(0.2, 0.178, 0.22);
+const Vec3 trunk_low(0, 0, 0.345);
+const Vec3 trunk_high(0, 0, 0.485);
+const Vec3 shoulder(0.06, 0, 0.5);
+const Vec3 elbow(0.185, -0.012, 0.43);
+const Vec3 hand_center(0.295, 0.04, 0.36);
+const Vec3 hip(0.048, 0, 0.315);
+const Vec3 ankle(0.098, -0.012, 0.06);
+const Vec3 foot_center(0.106, 0.026, 0.036);
+const Vec3 eye_center(0.082, 0.144, 0.775);
 constexpr double hand_radius = 0.052;
 constexpr double foot_length = 0.088;
 
 double handDistance(const Vec3& x) {
   double d = sphereDistance(x, hand_center, hand_radius);
   const Vec3 palm = hand_center;
-  for (const Vec3& tip : {Vec3(0.395, 0.05, 0.345), Vec3(0.395, 0.075, 0.295), Vec3(0.315, 0.115, 0.325)})
+  for (const Vec3& tip : {Vec3(0.367, 0.05, 0.375), Vec3(0.362, 0.07, 0.322), Vec3(0.29, 0.112, 0.362)})
     d = smoothUnion(d, taperedCapsuleDistance(x, palm, tip, 0.032, 0.024), 0.02);
   return d;
 }
 
 double legDistance(const Vec3& x) {
-  const double leg = taperedCapsuleDistance(x, hip, ankle, 0.044, 0.036);
+  const double leg = taperedCapsuleDistance(x, hip, ankle, 0.04, 0.031);
   const double foot = ellipsoidDistance(x, foot_center, Vec3(0.058, foot_length, 0.05));
   return smoothUnion(leg, foot, 0.03);
 }
 
 double armDistance(const Vec3& x) {
-  const double upper = taperedCapsuleDistance(x, shoulder, elbow, 0.037, 0.033);
-  const double lower = taperedCapsuleDistance(x, elbow, hand_center, 0.033, 0.034);
+  const double upper = taperedCapsuleDistance(x, shoulder, elbow, 0.034, 0.029);
+  const double lower = taperedCapsuleDistance(x, elbow, hand_center, 0.029, 0.03);
   return smoothUnion(smoothUnion(upper, lower, 0.02), handDistance(x), 0.025);
 }
 
@@ -48,10 +48,10 @@ double armDistance(const Vec3& x) {
 double alienDistance(const Vec3& point) {
   const Vec3 x(std::abs(point.x()), point.y(), point.z());
   const double skull = ellipsoidDistance(x, head_center, head_radii);
-  const double chin = ellipsoidDistance(x, Vec3(0, 0.02, 0.575), Vec3(0.13, 0.125, 0.105));
+  const double chin = ellipsoidDistance(x, Vec3(0, 0.018, 0.635), Vec3(0.11, 0.105, 0.09));
   double d = smoothUnion(skull, chin, 0.08);
-  d = smoothUnion(d, ellipsoidDistance(x, eye_center, Vec3(0.058, 0.045, 0.078)), 0.012);
-  const double trunk = taperedCapsuleDistance(x, trunk_low, trunk_high, 0.098, 0.078);
+  d = smoothUnion(d, ellipsoidDistance(x, eye_center, Vec3(0.052, 0.042, 0.072)), 0.012);
+  const double trunk = taperedCapsuleDistance(x, trunk_low, trunk_high, 0.092, 0.07);
   d = smoothUnion(d, trunk, 0.05);
   d = smoothUnion(d, armDistance(x), 0.03);
   d = smoothUnion(d, legDistance(x), 0.03);

@@ -10,7 +10,8 @@ namespace palpate {
 /// Numbers from a byte sequence; take() is false when too few bytes are left.
 class ByteReader {
  public:
-  ByteReader(std::string_view data, bool big_endian) : data_(data), swap_(big_endian == (std::endian::native == std::endian::little)) {}
+  ByteReader(std::string_view data, bool big_endian)
+      : data_(data), swap_(big_endian == (std::endian::native == std::endian::little)) {}
 
   template <class T>
   bool take(T& value) {

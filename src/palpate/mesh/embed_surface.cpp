@@ -37,25 +37,29 @@ struct Trial {
   BccLattice lattice;
   TetrahedronSubdivision cut;
   std::optional<PieceMesh> pieces;
+  Vec3 shift = Vec3::Zero();
 
   Trial(const BccLattice& l, int subdivision) : lattice(l), cut(subdivision) {}
 };
 
-BccLattice latticeOver(const Bounds& box, double cell) {
-  // A lattice corner at the box's center keeps a symmetric solid's mesh symmetric; a cell of margin all around.
+/// @param shift  of the lattice against the box, in cells
+BccLattice latticeOver(const Bounds& box, double cell, const Vec3& shift) {
+  // Unshifted, a lattice corner at the box's center keeps a symmetric solid's mesh symmetric; a cell of margin all
+  // around.
   std::array<int, 3> cells{};
   Vec3 origin;
   for (int d = 0; d < 3; ++d) {
     const int half = static_cast<int>(std::floor(0.5 * (box.high[d] - box.low[d]) / cell)) + 2;
     cells[static_cast<size_t>(d)] = 2 * half;
-    origin[d] = box.center()[d] - half * cell;
+    origin[d] = box.center()[d] - (half + shift[d]) * cell;
   }
   return BccLattice(origin, cell, cells);
 }
 
 std::unique_ptr<Trial> tryCell(const InsideField& field, const Bounds& box, double cell, int subdivision,
-                               const EmbedOptions& options) {
-  auto trial = std::make_unique<Trial>(latticeOver(box, cell), subdivision);
+                               const EmbedOptions& options, const Vec3& shift = Vec3::Zero()) {
+  auto trial = std::make_unique<Trial>(latticeOver(box, cell, shift), subdivision);
+  trial->shift = shift;
   trial->pieces.emplace(trial->lattice, trial->cut, cutSolid(trial->lattice, trial->cut, field, options.virtual_nodes),
                         options.smallest_fill, options.virtual_nodes);
   return trial;
@@ -66,44 +70,73 @@ double smallestCell(const Bounds& box) {
   return std::max(std::cbrt(extent.prod() / largest_lattice), box.diagonal() / 2000);
 }
 
-/// The count falls with the cell size, though not quite steadily: bracketed secant steps on logarithms.
-std::unique_ptr<Trial> searchCell(const InsideField& field, const Bounds& box, const SurfaceMeasures& solid,
-                                  const EmbedOptions& options, int& trials) {
-  const double target = options.target_tetrahedra;
-  const int subdivision = subdivisionFor(options.target_tetrahedra);
-  // First guess: twelve a cell in the volume and a layer of a third of a cell on the area.
-  double low = 1e-6 * box.diagonal();
-  double high = 10 * box.diagonal();
-  for (int i = 0; i < 60; ++i) {
-    const double a = std::sqrt(low * high);
-    (12 * (solid.volume + solid.area * a / 3) / (a * a * a) > target ? low : high) = a;
-  }
-  const double floor_size = smallestCell(box);
-  double cell = std::max(low, floor_size);
-  low = 0;
-  high = 0;
-  std::unique_ptr<Trial> best;
-  double best_error = 0;
-  for (trials = 0; trials < most_trials;) {
-    auto trial = tryCell(field, box, cell, subdivision, options);
-    ++trials;
-    const double count = std::max(trial->pieces->count(), 1);
-    const double ratio = std::log(count / target);
-    if (!best || std::abs(ratio) < best_error) {
-      best_error = std::abs(ratio);
-      best = std::move(trial);
-    }
-    if (best_error <= options.count_tolerance) break;
-    (ratio > 0 ? low : high) = cell;
-    double next = cell * std::exp(ratio / 2.3);
-    if (low > 0 && high > 0 && !(next > 1.0005 * std::min(low, high) && next < 0.9995 * std::max(low, high)))
-      next = std::sqrt(low * high);
-    next = std::max(next, floor_size);
-    if (std::abs(next / cell - 1) < 1e-4) break;
-    cell = next;
-  }
-  return best;
+/// Twelve tetrahedra a cell in the volume and a layer of a third of a cell on the area.
+double expectedCount(const SurfaceMeasures& solid, double cell) {
+  return 12 * (solid.volume + solid.area * cell / 3) / (cell * cell * cell);
 }
+
+/// Searches the cell size for the wanted count, which falls as cells grow, though not steadily: bracketed secant steps
+/// on logarithms. Where the count jumps past the target (a rod along the lattice), the lattice is shifted and searched
+/// again.
+class CellSearch {
+ public:
+  CellSearch(const InsideField& field, const Bounds& box, const EmbedOptions& options)
+      : field_(field), box_(box), options_(options) {}
+
+  std::unique_ptr<Trial> run(const SurfaceMeasures& solid, int& trials) {
+    double low = 1e-6 * box_.diagonal();
+    double high = 10 * box_.diagonal();
+    for (int i = 0; i < 60; ++i) {
+      const double a = std::sqrt(low * high);
+      (expectedCount(solid, a) > options_.target_tetrahedra ? low : high) = a;
+    }
+    for (const Vec3& shift : {Vec3(0, 0, 0), Vec3(0.25, 0.37, 0.31)}) {
+      search(std::max(best_ ? best_->lattice.cellSize() : low, smallestCell(box_)), shift);
+      if (error_ < 2 * options_.count_tolerance) break;
+    }
+    trials = trials_;
+    return std::move(best_);
+  }
+
+ private:
+  void search(double cell, const Vec3& shift) {
+    double too_many = 0;
+    double too_few = 0;
+    for (int i = 0; i < most_trials; ++i) {
+      const double ratio = attempt(cell, shift);
+      if (error_ <= options_.count_tolerance) return;
+      (ratio > 0 ? too_many : too_few) = cell;
+      double next = cell * std::exp(ratio / 2.3);
+      const bool bracketed = too_many > 0 && too_few > 0;
+      const double low = std::min(too_many, too_few);
+      const double high = std::max(too_many, too_few);
+      if (bracketed && !(next > low * 1.0005 && next < high * 0.9995)) next = std::sqrt(low * high);
+      next = std::max(next, smallestCell(box_));
+      if (std::abs(next / cell - 1) < 1e-4 || (bracketed && high / low < 1.002)) return;
+      cell = next;
+    }
+  }
+
+  /// log(count / target), keeping the best.
+  double attempt(double cell, const Vec3& shift) {
+    auto trial = tryCell(field_, box_, cell, subdivisionFor(options_.target_tetrahedra), options_, shift);
+    ++trials_;
+    const double ratio =
+        std::log(std::max(trial->pieces->count(), 1) / static_cast<double>(options_.target_tetrahedra));
+    if (!best_ || std::abs(ratio) < error_) {
+      error_ = std::abs(ratio);
+      best_ = std::move(trial);
+    }
+    return ratio;
+  }
+
+  const InsideField& field_;
+  Bounds box_;
+  const EmbedOptions& options_;
+  std::unique_ptr<Trial> best_;
+  double error_ = 0;
+  int trials_ = 0;
+};
 
 class Assembly {
  public:
@@ -348,7 +381,8 @@ SimulationMesh embedSurface(const Surface& input, const EmbedOptions& options, E
   EmbedReport& r = report ? *report : local;
   r = EmbedReport{};
   for (const Vec3& x : input.vertices)
-    if (!x.allFinite()) throw InputError(options.name, "", "has a vertex that is not finite");
+    if (!x.allFinite() || x.cwiseAbs().maxCoeff() > 1e9)
+      throw InputError(options.name, "", "has a vertex that is not finite, or beyond 1e9 m");
   RepairedSurface repaired = repairSurface(input);
   const Surface& surface = repaired.surface;
   r.repair = repaired.report;
@@ -365,17 +399,17 @@ SimulationMesh embedSurface(const Surface& input, const EmbedOptions& options, E
       throw InputError(options.name, "cell_size",
                        "must lie between " + std::to_string(smallestCell(box)) + " and " +
                            std::to_string(10 * box.diagonal()) + " m for this surface");
-    const double guess = 12 * (solid.volume + solid.area * cell / 3) / (cell * cell * cell);
+    const double guess = expectedCount(solid, cell);
     trial = tryCell(field, box, cell, subdivisionFor(static_cast<int>(std::min(guess, 1e6))), options);
     r.trials = 1;
   } else {
-    trial = searchCell(field, box, solid, options, r.trials);
+    trial = CellSearch(field, box, options).run(solid, r.trials);
   }
   r.solid_components = solidComponents(surface);
   // Limbs thinner than the samples fall apart: sample more finely.
   for (int finer : {12, 16}) {
     if (trial->pieces->components() <= r.solid_components || trial->cut.side() >= finer) continue;
-    trial = tryCell(field, box, trial->lattice.cellSize(), finer, options);
+    trial = tryCell(field, box, trial->lattice.cellSize(), finer, options, trial->shift);
   }
   if (trial->pieces->count() == 0)
     throw InputError(options.name, "", "is too thin for a simulation mesh of this size: ask for more tetrahedra");

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <stdexcept>
 
+#include "palpate/common/error.h"
+
 namespace palpate {
 
 double sphereDistance(const Vec3& x, const Vec3& center, double radius) { return (x - center).norm() - radius; }
@@ -195,9 +197,17 @@ void relax(const ImplicitFunction& f, Surface& surface, double cell, int rounds)
 }  // namespace
 
 Surface meshImplicit(const ImplicitFunction& f, const Bounds& box, double cell, int rounds) {
-  Surface surface = SurfaceNets(f, box, cell).build();
-  relax(f, surface, cell, rounds);
-  return surface;
+  // A grid cell that two sheets of the surface cross gives them one vertex, which is not manifold. It takes bad luck
+  // with a crease about as thin as a cell; another grid avoids it.
+  for (int attempt = 0; attempt < 10; ++attempt) {
+    const double size = cell * (1 - 0.013 * attempt);
+    Surface surface = SurfaceNets(f, box, size).build();
+    if (surface.triangles.empty()) throw RunError("meshImplicit: no zero set in the box");
+    if (!inspectTopology(surface).closed()) continue;
+    relax(f, surface, size, rounds);
+    return surface;
+  }
+  throw RunError("meshImplicit: details are too fine for this grid size, or the surface leaves the box");
 }
 
 }  // namespace palpate

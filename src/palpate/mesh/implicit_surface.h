@@ -23,7 +23,8 @@ double smoothIntersection(double a, double b, double blend);
 /// Meshes the zero set by surface nets: a vertex for every grid cell with a change of sign, a quad for every grid edge
 /// with one, then rounds of tangential smoothing with projection onto the zero set. Closed if the set lies inside the
 /// box.
-/// @param cell    grid size [m], about the edge length of the triangles
+/// @param cell    grid size [m], about the edge length of the triangles; made up to 12 % smaller where that is needed
+/// for a manifold
 /// @param rounds  smoothing rounds
 Surface meshImplicit(const ImplicitFunction& f, const Bounds& box, double cell, int rounds = 12);
 

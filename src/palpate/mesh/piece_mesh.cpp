@@ -157,10 +157,10 @@ double PieceMesh::worstWeight(int piece, int host) const {
 
 bool PieceMesh::staysConnected(int piece, const std::vector<int>& neighbors) const {
   if (neighbors.size() <= 1) return true;
-  // Search among pieces within four faces of here: a longer way round would leave a hinge.
+  // Search among pieces within eight faces of here: a longer way round would leave a hinge.
   std::set<int> reached = {neighbors.front()};
   std::vector<int> front = {neighbors.front()};
-  for (int round = 0; round < 4; ++round) {
+  for (int round = 0; round < 8; ++round) {
     std::vector<int> next;
     for (int p : front)
       for (int other : keptNeighbors(p))

@@ -11,7 +11,8 @@ void readOff(std::string_view data, SurfaceBuilder& builder) {
   // Prefixes for colors (C), normals (N) and texture (ST) add columns behind the coordinates; 4 and n add dimensions.
   if (keyword && head != "OFF" && head != "COFF" && head != "NOFF" && head != "CNOFF" && head != "STOFF")
     scan.fail("only OFF, COFF, NOFF, CNOFF and STOFF are read");
-  const long long vertices = keyword ? scan.anyInteger("the number of vertices") : scan.toInteger(head, "OFF or the number of vertices");
+  const long long vertices =
+      keyword ? scan.anyInteger("the number of vertices") : scan.toInteger(head, "OFF or the number of vertices");
   const long long faces = scan.anyInteger("the number of faces");
   if (vertices < 0 || faces < 0) scan.fail("numbers of vertices and faces must not be negative");
   scan.skipRestOfLine();

@@ -90,7 +90,8 @@ class PlyReader {
       }
       if (keyword == "format") {
         const std::string_view kind = scan_.word();
-        if (kind != "ascii" && kind != "binary_little_endian" && kind != "binary_big_endian") scan_.fail("unknown format");
+        if (kind != "ascii" && kind != "binary_little_endian" && kind != "binary_big_endian")
+          scan_.fail("unknown format");
         text_ = kind == "ascii";
         big_endian_ = kind == "binary_big_endian";
         format = true;
@@ -165,7 +166,8 @@ class PlyReader {
     const double length = next(*property.count_type, element, i);
     if (!(length >= 0 && length <= 4294967295.0 && length == std::floor(length)))
       throw InputError(builder_.name(), element.name + " " + std::to_string(i + 1), "the length of a list is bad");
-    const bool polygon = element.name == "face" && (property.name == "vertex_indices" || property.name == "vertex_index");
+    const bool polygon =
+        element.name == "face" && (property.name == "vertex_indices" || property.name == "vertex_index");
     if (polygon) builder_.beginPolygon(i + 1);
     for (long long c = 0; c < static_cast<long long>(length); ++c) {
       const double value = next(property.type, element, i);

@@ -6,7 +6,8 @@
 #include "palpate/mesh/surface_io.h"
 #include "palpate/mesh/types.h"
 
-// One reader a format, used by surface_io.cpp only. They throw InputError; the caller checks indices with SurfaceBuilder.
+// One reader a format, used by surface_io.cpp only. They throw InputError; the caller checks indices with
+// SurfaceBuilder.
 
 namespace palpate {
 
@@ -15,7 +16,8 @@ class SurfaceBuilder {
  public:
   explicit SurfaceBuilder(const std::string& name) : name_(name) {}
 
-  void addVertex(const Vec3& x) { surface_.vertices.push_back(x); }
+  /// Throws InputError for coordinates beyond 1e9, whose squares and cubes would overflow further on.
+  void addVertex(const Vec3& x);
   size_t vertices() const { return surface_.vertices.size(); }
   /// Starts, continues and ends a polygon; place is the line or element number for messages.
   void beginPolygon(long long place) {

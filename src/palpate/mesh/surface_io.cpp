@@ -1,7 +1,6 @@
 #include "palpate/mesh/surface_io.h"
 
 #include <bit>
-#include <charconv>
 #include <cmath>
 #include <cstdint>
 #include <cstring>
@@ -16,6 +15,12 @@ namespace palpate {
 
 // ---------------------------------------------------------------- reading
 
+void SurfaceBuilder::addVertex(const Vec3& x) {
+  if (!x.allFinite() || x.cwiseAbs().maxCoeff() > 1e9)
+    throw InputError(name_, "vertex " + std::to_string(surface_.vertices.size() + 1), "a coordinate is beyond 1e9");
+  surface_.vertices.push_back(x);
+}
+
 void SurfaceBuilder::corner(long long index) {
   if (index < 0 || index >= std::numeric_limits<int>::max())
     throw InputError(name_, "face at " + std::to_string(place_), "vertex index out of range");
@@ -23,8 +28,9 @@ void SurfaceBuilder::corner(long long index) {
   if (corners_ == 0) first_ = v;
   if (corners_ >= 2) {
     if (surface_.triangles.size() >= static_cast<size_t>(largest_surface))
-      throw InputError(name_, "", "has more than " + std::to_string(largest_surface) +
-                                      " triangles, which is the limit: simplify it first");
+      throw InputError(
+          name_, "",
+          "has more than " + std::to_string(largest_surface) + " triangles, which is the limit: simplify it first");
     surface_.triangles.push_back({first_, last_, v});
   }
   last_ = v;
@@ -95,12 +101,6 @@ Surface loadSolid(const std::string& path, double size) {
 // ---------------------------------------------------------------- writing
 
 namespace {
-
-void appendNumber(std::string& out, double value) {
-  char buffer[32];
-  const auto [end, error] = std::to_chars(buffer, buffer + sizeof buffer, value);
-  out.append(buffer, end);
-}
 
 template <class T>
 void appendBytes(std::string& out, T value) {

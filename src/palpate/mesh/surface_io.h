@@ -15,20 +15,20 @@ inline constexpr int largest_surface = 2'000'000;
 /// By the file name's ending (.obj, .stl, .ply, .off; any case). Throws InputError for others.
 SurfaceFormat surfaceFormatOf(const std::string& path);
 
-/// Reads the triangles of an OBJ, STL (text or binary), PLY (text or binary) or OFF file as they stand; lengths as in the
-/// file. Polygons are cut into fans. STL vertices come three a triangle: see repairSurface.
-/// Throws InputError naming file, place and cause: missing, empty or truncated file, malformed or non-finite number, index
-/// out of range, no triangles, more than largest_surface triangles.
+/// Reads the triangles of an OBJ, STL (text or binary), PLY (text or binary) or OFF file as they stand; lengths as in
+/// the file. Polygons are cut into fans. STL vertices come three a triangle: see repairSurface. Throws InputError
+/// naming file, place and cause: missing, empty or truncated file, malformed or non-finite number, index out of range,
+/// no triangles, more than largest_surface triangles.
 Surface readSurface(const std::string& path);
 /// The same from memory; `name` is for messages.
 Surface readSurfaceFromMemory(std::string_view data, SurfaceFormat format, const std::string& name = "surface");
 
-/// readSurface, then scaled so that the longest side of the bounding box is `size` [m] (0: as it stands), and checked by
-/// repairSurface and requireSolid. The result is the repaired surface.
+/// readSurface, then scaled so that the longest side of the bounding box is `size` [m] (0: as it stands), and checked
+/// by repairSurface and requireSolid. The result is the repaired surface.
 Surface loadSolid(const std::string& path, double size = 0);
 
-/// Writes by the file name's ending: OBJ and OFF as text, STL and PLY binary (little endian; STL in single precision). The
-/// file appears under its name only when complete. Throws InputError if the folder is not writable.
+/// Writes by the file name's ending: OBJ and OFF as text, STL and PLY binary (little endian; STL in single precision).
+/// The file appears under its name only when complete. Throws InputError if the folder is not writable.
 void writeSurface(const std::string& path, const Surface& surface);
 
 }  // namespace palpate

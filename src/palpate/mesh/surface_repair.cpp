@@ -13,6 +13,7 @@ namespace palpate {
 namespace {
 
 constexpr double largest_cap_share = 0.35;
+constexpr size_t most_nested_patches = 32;
 
 uint64_t cellKey(const Eigen::Matrix<int64_t, 3, 1>& c) {
   const auto mix = [](int64_t v, uint64_t prime) { return static_cast<uint64_t>(v) * prime; };
@@ -195,32 +196,41 @@ std::vector<Surface> cappedPatches(const Surface& surface, const Patches& patche
   return parts;
 }
 
-/// Which patches face inward though they are no cavity of another.
+Vec3 pointOn(const Surface& part) {
+  const auto& t = part.triangles.front();
+  return (part.vertices[static_cast<size_t>(t[0])] + part.vertices[static_cast<size_t>(t[1])] +
+          part.vertices[static_cast<size_t>(t[2])]) /
+         3;
+}
+
+/// The patch of least volume that encloses patch p, -1 if none does.
+int enclosing(const std::vector<Surface>& parts, const std::vector<double>& volume, size_t p) {
+  int best = -1;
+  for (size_t q = 0; q < parts.size(); ++q) {
+    if (std::abs(volume[q]) <= std::abs(volume[p])) continue;
+    if (best >= 0 && std::abs(volume[q]) >= std::abs(volume[static_cast<size_t>(best)])) continue;
+    if (std::abs(WindingNumber(parts[q]).exactAt(pointOn(parts[p]))) > 0.5) best = static_cast<int>(q);
+  }
+  return best;
+}
+
+/// Which patches are to be turned: those that face inward, unless another patch encloses them. Those are turned with
+/// the patch around them, so that a cavity stays one.
 std::vector<char> inwardPatches(const std::vector<Surface>& parts) {
   std::vector<double> volume;
-  double total = 0;
+  std::vector<size_t> order;
   for (const Surface& part : parts) {
+    order.push_back(volume.size());
     volume.push_back(measureSurface(part).volume);
-    total += volume.back();
   }
-  const double sign = total < 0 ? -1 : 1;
-  std::vector<char> inward(parts.size(), total < 0);
-  Surface outer;
-  for (size_t p = 0; p < parts.size(); ++p) {
-    if (sign * volume[p] <= 0) continue;
-    const int base = static_cast<int>(outer.vertices.size());
-    outer.vertices.insert(outer.vertices.end(), parts[p].vertices.begin(), parts[p].vertices.end());
-    for (const auto& t : parts[p].triangles) outer.triangles.push_back({t[0] + base, t[1] + base, t[2] + base});
-  }
-  const WindingNumber winding(outer);
-  for (size_t p = 0; p < parts.size(); ++p) {
-    if (sign * volume[p] >= 0) continue;
-    const auto& t = parts[p].triangles.front();
-    const Vec3 x = (parts[p].vertices[static_cast<size_t>(t[0])] + parts[p].vertices[static_cast<size_t>(t[1])] +
-                    parts[p].vertices[static_cast<size_t>(t[2])]) /
-                   3;
-    const bool cavity = sign * winding.at(x) > 0.5;
-    if (!cavity) inward[p] ^= 1;
+  std::stable_sort(order.begin(), order.end(),
+                   [&](size_t a, size_t b) { return std::abs(volume[a]) > std::abs(volume[b]); });
+  std::vector<char> inward(parts.size(), 0);
+  for (size_t i = 0; i < order.size(); ++i) {
+    const size_t p = order[i];
+    // Beyond the largest patches, fragments: too many to ask each about each.
+    const int around = i < most_nested_patches && volume[p] != 0 ? enclosing(parts, volume, p) : -1;
+    inward[p] = around >= 0 ? inward[static_cast<size_t>(around)] : volume[p] < 0;
   }
   return inward;
 }

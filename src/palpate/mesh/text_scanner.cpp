@@ -21,7 +21,9 @@ std::string quoted(std::string_view word) {
 
 }  // namespace
 
-void TextScanner::fail(const std::string& cause) const { throw InputError(name_, "line " + std::to_string(line_), cause); }
+void TextScanner::fail(const std::string& cause) const {
+  throw InputError(name_, "line " + std::to_string(line_), cause);
+}
 
 bool TextScanner::nextLine() {
   while (next_ < text_.size()) {
@@ -107,6 +109,12 @@ void writeFile(const std::string& path, const std::string& contents) {
   std::error_code error;
   std::filesystem::rename(temporary, path, error);
   if (error) throw InputError(path, "", "cannot be written: " + error.message());
+}
+
+void appendNumber(std::string& out, double value) {
+  char buffer[32];
+  const auto [end, error] = std::to_chars(buffer, buffer + sizeof buffer, value);
+  if (error == std::errc()) out.append(buffer, end);
 }
 
 std::string endingOf(const std::string& path) {

@@ -47,6 +47,8 @@ class TextScanner {
 std::string readFile(const std::string& path, size_t limit = size_t{1} << 30);
 /// Writes a file under a temporary name in the same folder and renames it. Throws InputError.
 void writeFile(const std::string& path, const std::string& contents);
+/// Appends the shortest text that reads back as the same number.
+void appendNumber(std::string& out, double value);
 /// Lower-case ending of a file name with its dot, "" if none.
 std::string endingOf(const std::string& path);
 

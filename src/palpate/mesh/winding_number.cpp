@@ -4,7 +4,6 @@
 #include <array>
 #include <cmath>
 #include <numbers>
-#include <numeric>
 
 namespace palpate {
 namespace {
@@ -12,89 +11,75 @@ namespace {
 constexpr int leaf_size = 8;
 constexpr double four_pi = 4 * std::numbers::pi;
 
-struct Corners {
-  Vec3 a, b, c;
-};
-
-Corners cornersOf(const Surface& surface, int triangle) {
-  const auto& t = surface.triangles[static_cast<size_t>(triangle)];
-  return {surface.vertices[static_cast<size_t>(t[0])], surface.vertices[static_cast<size_t>(t[1])],
-          surface.vertices[static_cast<size_t>(t[2])]};
-}
-
-Vec3 areaNormal(const Corners& t) { return 0.5 * (t.b - t.a).cross(t.c - t.a); }
-Vec3 centerOf(const Corners& t) { return (t.a + t.b + t.c) / 3; }
-
 }  // namespace
 
 WindingNumber::WindingNumber(const Surface& surface, double accuracy) {
   const int n = static_cast<int>(surface.triangles.size());
   if (n == 0) return;
-  std::vector<int> order(static_cast<size_t>(n));
-  std::iota(order.begin(), order.end(), 0);
-  clusters_.reserve(static_cast<size_t>(2 * n / (leaf_size / 2) + 2));
+  triangles_.reserve(surface.triangles.size());
+  for (const auto& t : surface.triangles) {
+    const Vec3& a = surface.vertices[static_cast<size_t>(t[0])];
+    const Vec3& b = surface.vertices[static_cast<size_t>(t[1])];
+    const Vec3& c = surface.vertices[static_cast<size_t>(t[2])];
+    triangles_.push_back({a, b, c});
+  }
+  clusters_.reserve(static_cast<size_t>(n / 2 + 2));
   clusters_.emplace_back();
   clusters_[0].first = 0;
   clusters_[0].last = n;
-  build(0, order, surface, accuracy, 0);
-  triangles_.reserve(order.size());
-  for (int t : order) {
-    const Corners corners = cornersOf(surface, t);
-    triangles_.push_back({corners.a, corners.b, corners.c});
-  }
+  build(0, accuracy);
 }
 
-void WindingNumber::summarize(Cluster& cluster, const std::vector<int>& order, const Surface& surface,
-                              double accuracy) const {
+void WindingNumber::summarize(Cluster& cluster, double accuracy) const {
   double area = 0;
   Vec3 weighted = Vec3::Zero();
   Vec3 plain = Vec3::Zero();
   cluster.area_normal.setZero();
+  // Sum of center * area normal^T, moved to the cluster's center afterwards.
+  Mat3 moment = Mat3::Zero();
   for (int i = cluster.first; i < cluster.last; ++i) {
-    const Corners t = cornersOf(surface, order[static_cast<size_t>(i)]);
-    const Vec3 n = areaNormal(t);
-    area += n.norm();
-    weighted += n.norm() * centerOf(t);
-    plain += centerOf(t);
-    cluster.area_normal += n;
+    const Triangle& t = triangles_[static_cast<size_t>(i)];
+    const Vec3 normal = 0.5 * (t.b - t.a).cross(t.c - t.a);
+    const Vec3 center = (t.a + t.b + t.c) / 3;
+    const double size = normal.norm();
+    area += size;
+    weighted += size * center;
+    plain += center;
+    cluster.area_normal += normal;
+    moment += center * normal.transpose();
   }
   cluster.center = area > 0 ? Vec3(weighted / area) : Vec3(plain / (cluster.last - cluster.first));
-  cluster.moment.setZero();
+  cluster.moment = moment - cluster.center * cluster.area_normal.transpose();
   double radius_squared = 0;
   for (int i = cluster.first; i < cluster.last; ++i) {
-    const Corners t = cornersOf(surface, order[static_cast<size_t>(i)]);
-    cluster.moment += (centerOf(t) - cluster.center) * areaNormal(t).transpose();
-    for (const Vec3& v : {t.a, t.b, t.c}) radius_squared = std::max(radius_squared, (v - cluster.center).squaredNorm());
+    const Triangle& t = triangles_[static_cast<size_t>(i)];
+    radius_squared = std::max({radius_squared, (t.a - cluster.center).squaredNorm(),
+                               (t.b - cluster.center).squaredNorm(), (t.c - cluster.center).squaredNorm()});
   }
   cluster.far_squared = accuracy * accuracy * radius_squared;
 }
 
-void WindingNumber::build(int index, std::vector<int>& order, const Surface& surface, double accuracy, int depth) {
-  summarize(clusters_[static_cast<size_t>(index)], order, surface, accuracy);
+void WindingNumber::build(int index, double accuracy) {
+  summarize(clusters_[static_cast<size_t>(index)], accuracy);
   const int first = clusters_[static_cast<size_t>(index)].first;
   const int last = clusters_[static_cast<size_t>(index)].last;
   if (last - first <= leaf_size) return;
 
-  Vec3 low = centerOf(cornersOf(surface, order[static_cast<size_t>(first)]));
+  const auto sum = [](const Triangle& t) -> Vec3 { return t.a + t.b + t.c; };
+  Vec3 low = sum(triangles_[static_cast<size_t>(first)]);
   Vec3 high = low;
   for (int i = first; i < last; ++i) {
-    const Vec3 c = centerOf(cornersOf(surface, order[static_cast<size_t>(i)]));
+    const Vec3 c = sum(triangles_[static_cast<size_t>(i)]);
     low = low.cwiseMin(c);
     high = high.cwiseMax(c);
   }
   Eigen::Index axis = 0;
   (high - low).maxCoeff(&axis);
-  const auto key = [&](int t) {
-    const auto& v = surface.triangles[static_cast<size_t>(t)];
-    return surface.vertices[static_cast<size_t>(v[0])][axis] + surface.vertices[static_cast<size_t>(v[1])][axis] +
-           surface.vertices[static_cast<size_t>(v[2])][axis];
-  };
   const int middle = (first + last) / 2;
-  std::nth_element(order.begin() + first, order.begin() + middle, order.begin() + last, [&](int a, int b) {
-    const double ka = key(a);
-    const double kb = key(b);
-    return ka < kb || (ka == kb && a < b);
-  });
+  std::nth_element(triangles_.begin() + first, triangles_.begin() + middle, triangles_.begin() + last,
+                   [axis](const Triangle& s, const Triangle& t) {
+                     return s.a[axis] + s.b[axis] + s.c[axis] < t.a[axis] + t.b[axis] + t.c[axis];
+                   });
   const int left = static_cast<int>(clusters_.size());
   clusters_[static_cast<size_t>(index)].left = left;
   clusters_.emplace_back();
@@ -103,8 +88,8 @@ void WindingNumber::build(int index, std::vector<int>& order, const Surface& sur
   clusters_[static_cast<size_t>(left)].last = middle;
   clusters_[static_cast<size_t>(left) + 1].first = middle;
   clusters_[static_cast<size_t>(left) + 1].last = last;
-  build(left, order, surface, accuracy, depth + 1);
-  build(left + 1, order, surface, accuracy, depth + 1);
+  build(left, accuracy);
+  build(left + 1, accuracy);
 }
 
 double WindingNumber::solidAngle(const Triangle& t, const Vec3& x) {

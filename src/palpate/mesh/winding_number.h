@@ -11,7 +11,8 @@ namespace palpate {
 /// far clusters count by the expansion of their solid angle to first order (Barill et al. 2018).
 class WindingNumber {
  public:
-  /// @param accuracy  a cluster is far at more than this many of its own radii; 2 gives errors below about 1e-2
+  /// @param accuracy  a cluster is far at more than this many of its own radii; 2 gives errors below about 0.05, next
+  /// to ragged surfaces
   explicit WindingNumber(const Surface& surface, double accuracy = 2.0);
 
   /// Winding number at x [m].

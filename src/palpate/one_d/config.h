@@ -34,9 +34,6 @@ Config readConfig(const std::string& file);
 /// The same from text; `name` stands for the file in messages.
 Config parseConfig(const std::string& text, const std::string& name);
 
-/// Throws InputError (naming `name` and the key) unless every value is finite and in its range, and the steps fit.
-void validate(const Config& config, const std::string& name);
-
 /// How many times `part` goes into `whole` [both s]; 0 unless that is a whole number, up to rounding in the input.
 long long wholeMultiple(double whole, double part);
 

@@ -36,7 +36,7 @@ struct Results {
 };
 
 /// Runs the reference and every method at every visual step.
-/// @param config  checked by validate()
+/// @param config  as parseConfig() checks it
 /// @throws RunError if a run leaves the finite numbers
 Results runExperiment(const Config& config);
 

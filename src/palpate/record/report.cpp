@@ -85,13 +85,17 @@ void appendTable(std::string& html, const Table& table) {
   const std::vector<bool> numeric = numericColumns(table);
   const auto align = [&](std::size_t i) { return i < numeric.size() && numeric[i] ? " class=\"number\"" : ""; };
   html += fmt::format(
-      "<figure class=\"card table\">\n<div class=\"scroll\" tabindex=\"0\"><table>\n<caption>{}</caption>\n"
-      "<thead><tr>",
+      "<figure class=\"card table\">\n<div class=\"scroll\" tabindex=\"0\"><table>\n<caption>{}</caption>\n",
       escapeHtml(table.title));
-  for (std::size_t i = 0; i < table.header.size(); ++i) {
-    html += fmt::format("<th scope=\"col\"{}>{}</th>", align(i), escapeHtml(table.header[i]));
+  const bool named = std::any_of(table.header.begin(), table.header.end(), [](const auto& h) { return !h.empty(); });
+  if (named) {
+    html += "<thead><tr>";
+    for (std::size_t i = 0; i < table.header.size(); ++i) {
+      html += fmt::format("<th scope=\"col\"{}>{}</th>", align(i), escapeHtml(table.header[i]));
+    }
+    html += "</tr></thead>\n";
   }
-  html += "</tr></thead>\n<tbody>\n";
+  html += "<tbody>\n";
   for (const auto& row : table.rows) {
     html += "<tr>";
     for (std::size_t i = 0; i < row.size(); ++i) {

@@ -200,9 +200,9 @@ struct ObstacleConfig {
 struct ContactConfig {
   double friction = 0.5;  ///< coefficient where neither obstacle nor body has its own
   FrictionCone cone;
-  double margin = 0.005;                ///< distance at which a candidate enters the step [m]
+  double margin = 2e-4;                 ///< vertices predicted nearer than this without contact are candidates [m]
   double penetration_tolerance = 1e-5;  ///< another pass looks for missed contacts if one is deeper than this [m]
-  int max_passes = 4;                   ///< passes of finding and solving in a step
+  int max_passes = 8;                   ///< passes of finding and solving in a step
   bool reduction = true;                ///< replace the surface's contact points by a few that say the same
   ContactSolverSettings solver;
 };

@@ -10,6 +10,7 @@
 #include <unordered_map>
 
 #include "palpate/common/error.h"
+#include "palpate/scene/text.h"
 
 namespace palpate {
 namespace {
@@ -62,6 +63,7 @@ class TreeBuilder : public YAML::EventHandler {
     YAML::anchor_t anchor;
     bool has_key = false;
     std::string key;
+    int key_line = 0;
   };
 
   static int lineOf(const YAML::Mark& mark) { return mark.is_null() ? 0 : mark.line + 1; }
@@ -83,7 +85,7 @@ class TreeBuilder : public YAML::EventHandler {
   void open(std::shared_ptr<DocumentNode> node, YAML::anchor_t anchor) {
     if (static_cast<int>(levels_.size()) >= limits_.depth)
       fail(node->line, "nested more than " + std::to_string(limits_.depth) + " deep");
-    levels_.push_back({std::move(node), anchor, false, {}});
+    levels_.push_back({std::move(node), anchor, false, {}, 0});
   }
 
   void close() {
@@ -101,7 +103,7 @@ class TreeBuilder : public YAML::EventHandler {
     } else if (!level.has_key) {
       takeKey(level, *node);
     } else {
-      level.node->entries.emplace_back(std::move(level.key), node);
+      level.node->entries.push_back({std::move(level.key), level.key_line, node});
       level.has_key = false;
     }
   }
@@ -112,9 +114,10 @@ class TreeBuilder : public YAML::EventHandler {
     constexpr std::size_t max_keys = 1000;
     const auto& entries = level.node->entries;
     if (entries.size() >= max_keys) fail(key.line, "more than " + std::to_string(max_keys) + " keys in one map");
-    const auto same = [&](const auto& entry) { return entry.first == key.scalar; };
+    const auto same = [&](const auto& entry) { return entry.key == key.scalar; };
     if (std::any_of(entries.begin(), entries.end(), same)) fail(key.line, "a key is given twice");
     level.key = key.scalar;
+    level.key_line = key.line;
     level.has_key = true;
   }
 
@@ -138,7 +141,8 @@ DocumentNode::Pointer parseDocument(std::string_view text, const std::string& fi
     TreeBuilder rest(file, limits);
     if (parser.HandleNextDocument(rest)) throw InputError(file, "", "holds more than one YAML document");
   } catch (const YAML::Exception& error) {
-    throw InputError(file, lineKey(error.mark.is_null() ? 0 : error.mark.line + 1), "is not valid YAML: " + error.msg);
+    throw InputError(file, lineKey(error.mark.is_null() ? 0 : error.mark.line + 1),
+                     "is not valid YAML: " + printable(error.msg, 200));
   }
   return builder.root();
 }

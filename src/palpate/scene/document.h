@@ -4,7 +4,6 @@
 #include <memory>
 #include <string>
 #include <string_view>
-#include <utility>
 #include <vector>
 
 namespace palpate {
@@ -14,11 +13,17 @@ struct DocumentNode {
   enum class Kind { null, scalar, sequence, map };
   using Pointer = std::shared_ptr<const DocumentNode>;
 
+  struct Entry {
+    std::string key;
+    int line = 0;  ///< of the key
+    Pointer value;
+  };
+
   Kind kind = Kind::null;
   int line = 0;  ///< from 1
   std::string scalar;
-  std::vector<Pointer> items;                            ///< of a sequence
-  std::vector<std::pair<std::string, Pointer>> entries;  ///< of a map, in the file's order; keys are unique
+  std::vector<Pointer> items;  ///< of a sequence
+  std::vector<Entry> entries;  ///< of a map, in the file's order; keys are unique
 };
 
 /// Bounds on a document; beyond them it is rejected before it costs anything.

@@ -18,24 +18,6 @@ std::string joined(const std::vector<std::string>& words) {
   return list;
 }
 
-/// Edits between two words, optimal string alignment; three rows of the table are enough.
-std::size_t editDistance(std::string_view a, std::string_view b) {
-  std::vector<std::size_t> before_last(b.size() + 1), last(b.size() + 1), row(b.size() + 1);
-  for (std::size_t j = 0; j <= b.size(); ++j) last[j] = j;
-  for (std::size_t i = 1; i <= a.size(); ++i) {
-    row[0] = i;
-    for (std::size_t j = 1; j <= b.size(); ++j) {
-      const std::size_t change = a[i - 1] == b[j - 1] ? 0 : 1;
-      row[j] = std::min({last[j] + 1, row[j - 1] + 1, last[j - 1] + change});
-      if (i > 1 && j > 1 && a[i - 1] == b[j - 2] && a[i - 2] == b[j - 1])
-        row[j] = std::min(row[j], before_last[j - 2] + 1);
-    }
-    std::swap(before_last, last);
-    std::swap(last, row);
-  }
-  return last[b.size()];
-}
-
 /// YAML's spellings of what is no finite number.
 std::optional<double> specialNumber(std::string_view text) {
   constexpr double infinity = std::numeric_limits<double>::infinity();
@@ -64,25 +46,10 @@ std::optional<std::string> objection(double value, const Range& range) {
   return std::nullopt;
 }
 
-std::string nearestWord(std::string_view word, const std::vector<std::string>& known) {
-  const std::string_view start = word.substr(0, 48);
-  const auto closer = [&](const std::string& a, const std::string& b) {
-    return editDistance(start, a) < editDistance(start, b);
-  };
-  return *std::min_element(known.begin(), known.end(), closer);
-}
+void Value::fail(const std::string& cause) const { failAt(node_->line, cause); }
 
-std::string shownText(std::string_view text, std::size_t longest) {
-  std::string result = "\"";
-  for (const char c : text.substr(0, longest)) {
-    const bool printable = static_cast<unsigned char>(c) >= 0x20 && c != 0x7f;
-    result += printable ? c : '?';
-  }
-  return result + (text.size() > longest ? "...\"" : "\"");
-}
-
-void Value::fail(const std::string& cause) const {
-  const std::string line = node_->line > 0 ? fmt::format("line {}", node_->line) : "";
+void Value::failAt(int line_number, const std::string& cause) const {
+  const std::string line = line_number > 0 ? fmt::format("line {}", line_number) : "";
   if (key_.empty()) throw InputError(*file_, line, cause);
   throw InputError(*file_, line.empty() ? key_ : fmt::format("{} ({})", key_, line), cause);
 }
@@ -195,7 +162,7 @@ std::vector<std::pair<std::string, Value>> Value::namedEntries(std::size_t max_c
   if (!isMap()) fail("must be a map of names");
   if (entryCount() > max_count) fail(fmt::format("has {} entries; at most {} are allowed", entryCount(), max_count));
   std::vector<std::pair<std::string, Value>> values;
-  for (const auto& [key, node] : node_->entries) {
+  for (const auto& [key, line, node] : node_->entries) {
     checkName(key);
     values.emplace_back(key, child(key, node));
   }
@@ -204,17 +171,16 @@ std::vector<std::pair<std::string, Value>> Value::namedEntries(std::size_t max_c
 
 const DocumentNode::Pointer* Value::find(const std::string& key) const {
   for (const auto& entry : node_->entries)
-    if (entry.first == key) return &entry.second;
+    if (entry.key == key) return &entry.value;
   return nullptr;
 }
 
 void Value::rejectUnknownKeys(const std::vector<std::string>& known) const {
   if (!isMap()) fail(fmt::format("must be a map with keys such as {}", known.front()));
-  for (const auto& [key, node] : node_->entries) {
-    if (std::find(known.begin(), known.end(), key) != known.end()) continue;
-    const std::string hint = nearestWord(key, known);
-    Value(*file_, key_, node)
-        .fail(fmt::format("unknown key {}; the nearest known key is \"{}\"", shownText(key), hint));
+  for (const DocumentNode::Entry& entry : node_->entries) {
+    if (std::find(known.begin(), known.end(), entry.key) != known.end()) continue;
+    failAt(entry.line, fmt::format("unknown key {}; the nearest known key is \"{}\"", shownText(entry.key),
+                                   nearestWord(entry.key, known)));
   }
 }
 

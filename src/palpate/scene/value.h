@@ -10,6 +10,7 @@
 
 #include "palpate/math/types.h"
 #include "palpate/scene/document.h"
+#include "palpate/scene/text.h"
 
 namespace palpate {
 
@@ -32,12 +33,6 @@ struct Range {
 
 /// Cause for a number that is not finite or not in the range; none if all is well.
 std::optional<std::string> objection(double value, const Range& range);
-
-/// The known word with the fewest edits (letters inserted, dropped, changed, or two neighbors swapped) from `word`.
-std::string nearestWord(std::string_view word, const std::vector<std::string>& known);
-
-/// Text of a user for use in an error: one line, printable, shortened.
-std::string shownText(std::string_view text, std::size_t longest = 48);
 
 class Value;
 
@@ -90,6 +85,7 @@ class Value {
 
  private:
   Value child(const std::string& key, DocumentNode::Pointer node) const;
+  [[noreturn]] void failAt(int line_number, const std::string& cause) const;
   double anyNumber() const;
   void checkName(const std::string& text) const;
   const std::string& scalar(const char* expected) const;

@@ -8,8 +8,8 @@
 
 namespace palpate {
 
-Body::Body(std::string name, SimulationMesh mesh, const Material& material, const Vec6& velocity)
-    : name_(std::move(name)), mesh_(std::move(mesh)), fem_(mesh_, material), finder_(mesh_) {
+Body::Body(std::string name, SimulationMesh mesh, const Material& material, double friction, const Vec6& velocity)
+    : name_(std::move(name)), mesh_(std::move(mesh)), fem_(mesh_, material), finder_(mesh_, friction) {
   const int n = fem_.nodes();
   row_.resize(n);
   free_.resize(n);

@@ -40,8 +40,11 @@ struct StepInput {
 /// S = A_hh - A_th^T X, X = A_tt^-1 A_th.
 class Body {
  public:
-  /// @param mesh  in world coordinates, undeformed
-  Body(std::string name, SimulationMesh mesh, const Material& material, const Vec6& velocity = Vec6::Zero());
+  /// @param mesh      in world coordinates, undeformed
+  /// @param friction  Coulomb coefficient against obstacles that have none of their own
+  /// @param velocity  twist at the start, about the center of mass
+  Body(std::string name, SimulationMesh mesh, const Material& material, double friction = 0.5,
+       const Vec6& velocity = Vec6::Zero());
 
   /// Attaches nodes to a handle. Once, before the first step; nodes of other handles' regions stay free.
   void hold(const Handle& handle);
@@ -74,7 +77,7 @@ class Body {
   void setHandleState(const Pose& pose, const Vec6& twist);  ///< moves the attached nodes with it
   void clearVelocities();
   double kineticEnergy() const;  ///< [J]
-  double elasticEnergy() const { return fem_.energy(x_); }
+  double elasticEnergy() const { return fem_.energyAt(x_); }
 
   // --- one step, in this order
   /// Rotations, forces, system; no factorization yet.

@@ -50,7 +50,10 @@ class ContactStage {
              const ContactSettings& settings);
   const ContactSet& result() const { return set_; }
   /// Forgets impulses of the step before (after a jump of the state).
-  void forget() { memory_.clear(); }
+  void forget() {
+    memory_.clear();
+    kept_keys_.clear();
+  }
 
  private:
   struct Memory {

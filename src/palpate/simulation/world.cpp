@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <limits>
 
 #include "palpate/common/error.h"
 
@@ -61,7 +62,7 @@ bool World::stepBody(int i, const StepInput& input, StepReport& report) {
   report.solver_residual = std::max(report.solver_residual, set.solver.residual);
   report.passes = std::max(report.passes, set.passes);
   report.penetration = std::max(report.penetration, set.penetration);
-  if (!set.solver.converged) report.status = StepStatus::contact_not_converged;
+  if (!set.solver.converged && report.status == StepStatus::ok) report.status = StepStatus::contact_not_converged;
   return body.endVelocity().allFinite() && body.endTwist().allFinite();
 }
 
@@ -99,11 +100,16 @@ double World::settle(int index, const Pose& device) {
   constexpr int kMaxSteps = 3000;
   constexpr double kLongestStep = 2.0;
   constexpr double kTolerance = 1e-12;  // displacement of a step, relative to the body's mean edge
+  // in contact the solver's tolerance, times so long a step, is a floor that displacements do not fall below
+  constexpr double kContactFloor = 1e-6;
+  constexpr int kPatience = 5;  // steps without a smaller displacement
   Body& body = *bodies_[index];
   const double scale = body.contactFinder().edgeLength();
   double h = 0.02;
   double speed = 0;
   double previous = 0;
+  double best = std::numeric_limits<double>::infinity();
+  int stale = 0;
   StepReport report;
   for (int n = 0; n < kMaxSteps; ++n) {
     body.clearVelocities();
@@ -114,7 +120,10 @@ double World::settle(int index, const Pose& device) {
                      body.endTwist().cwiseAbs().maxCoeff());
     if (!body.advance()) throw RunError(body.name() + ": no static equilibrium: the state is not finite");
     const double displacement = speed * h / scale;
-    if (displacement < kTolerance && h >= kLongestStep) break;
+    stale = displacement < best ? 0 : stale + 1;
+    best = std::min(best, displacement);
+    const bool floor_reached = displacement < kContactFloor && stale >= kPatience;
+    if (h >= kLongestStep && (displacement < kTolerance || floor_reached)) break;
     // a jump of the displacement says that the step was too long for the nonlinearity
     h = displacement > 0.3 || (n > 0 && displacement > 4.0 * previous && displacement > 1e-3)
             ? std::max(0.5 * h, 1e-3)

@@ -14,7 +14,6 @@ namespace {
 using Vec2 = Eigen::Vector2d;
 using Mat2 = Eigen::Matrix2d;
 using MapX = Eigen::Map<MatX>;
-using ConstRefX = Eigen::Ref<const MatX>;
 
 // Proximal shift relative to rho: where it starts, and its change after a problem solved and after one that was not.
 constexpr double first_shift = 1e-2;
@@ -554,7 +553,8 @@ bool ContactSolver::factorize(const ContactProblem& problem, double regularizati
 
 /// Minus what the states leave of the rows that should vanish, into rhs_; returns the largest.
 double ContactSolver::freeResidual(const ContactProblem& problem) {
-  rhs_.resize(stick_unknowns_ + slip_unknowns_);
+  const Eigen::Index unknowns = stick_unknowns_ + slip_unknowns_;
+  rhs_.resize(problem.free.size());  // as many as there can be, so that it keeps its size
   for (const Free& f : free_) {
     const int offset = f.dims == 3 ? f.offset : stick_unknowns_ + f.offset;
     Vec3 w = w_.segment<3>(3 * f.contact);
@@ -567,7 +567,7 @@ double ContactSolver::freeResidual(const ContactProblem& problem) {
       for (int d = 0; d < f.dims; ++d) rhs_[offset + d] = -f.c.col(d).dot(w);
     }
   }
-  return rhs_.size() > 0 ? rhs_.lpNorm<Eigen::Infinity>() : 0.0;
+  return unknowns > 0 ? rhs_.head(unknowns).lpNorm<Eigen::Infinity>() : 0.0;
 }
 
 /// Solves with the factor for rhs_ and moves lambda along the free directions.
@@ -576,7 +576,7 @@ void ContactSolver::stepFree(const ContactProblem& problem) {
   const Eigen::Map<const MatX> stick(stick_matrix_.data(), ns, ns), right(right_.data(), ns, nv),
       left(left_.data(), ns, nv), slip(slip_matrix_.data(), nv, nv);
   auto sticking = rhs_.head(ns);
-  auto slipping = rhs_.tail(nv);
+  auto slipping = rhs_.segment(ns, nv);
   if (ns > 0) stick.triangularView<Eigen::Lower>().solveInPlace(sticking);
   if (nv > 0) {
     if (ns > 0) slipping.noalias() -= left.transpose() * sticking;

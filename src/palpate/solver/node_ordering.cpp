@@ -72,7 +72,8 @@ std::vector<int> postorder(const std::vector<int>& order, const EliminationTree&
   }
   // the child with the longest column next to its parent, where it may merge with it
   for (auto& list : children) {
-    std::stable_sort(list.begin(), list.end(), [&](int a, int b) { return tree.count[a] < tree.count[b]; });
+    std::sort(list.begin(), list.end(),
+              [&](int a, int b) { return tree.count[a] != tree.count[b] ? tree.count[a] < tree.count[b] : a < b; });
   }
   std::vector<int> result;
   result.reserve(n);

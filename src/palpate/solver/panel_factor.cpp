@@ -8,40 +8,41 @@
 namespace palpate {
 namespace {
 
-// Eight doubles, as the compiler's portable vector type: one register or several, whatever the machine has.
-typedef double Pack8 __attribute__((vector_size(64)));
-typedef double Pack4 __attribute__((vector_size(32)));
+// As many doubles as one register holds, as the compiler's portable vector type. Wider types than the machine has are
+// compiled into something twenty times slower.
+#if defined(__AVX512F__)
+constexpr int kLanes = 8;
+#elif defined(__AVX__)
+constexpr int kLanes = 4;
+#else
+constexpr int kLanes = 2;
+#endif
+typedef double Pack __attribute__((vector_size(kLanes * sizeof(double))));
 
-template <typename Pack>
-inline void load(Pack& pack, const double* from) {
-  std::memcpy(&pack, from, sizeof(Pack));
-}
-template <typename Pack>
-inline void store(double* to, const Pack& pack) {
-  std::memcpy(to, &pack, sizeof(Pack));
-}
+inline void load(Pack& pack, const double* from) { std::memcpy(&pack, from, sizeof(Pack)); }
+inline void store(double* to, const Pack& pack) { std::memcpy(to, &pack, sizeof(Pack)); }
 
-/// c[3 columns of 8 T rows, column stride `c_stride`] = sum over k < depth of a(:, k) b(0..2, k)^T, a and b with the
-/// same stride.
+/// c[3 columns of T packs of rows, column stride `c_stride`] = sum over k < depth of a(:, k) b(0..2, k)^T, a and b with
+/// the same stride.
 template <int T>
 inline void productTile(const double* a, const double* b, int stride, int depth, double* c, int c_stride) {
-  Pack8 sum[3][T] = {};
+  Pack sum[3][T] = {};
   for (int k = 0; k < depth; ++k, a += stride, b += stride) {
     for (int t = 0; t < T; ++t) {
-      Pack8 rows;
-      load(rows, a + 8 * t);
+      Pack rows;
+      load(rows, a + kLanes * t);
       for (int j = 0; j < 3; ++j) sum[j][t] += rows * b[j];
     }
   }
   for (int j = 0; j < 3; ++j)
-    for (int t = 0; t < T; ++t) store(c + j * c_stride + 8 * t, sum[j][t]);
+    for (int t = 0; t < T; ++t) store(c + j * c_stride + kLanes * t, sum[j][t]);
 }
 
-/// The same for any number of rows; writes and reads up to 7 rows more.
+/// The same for any number of rows; writes and reads up to two packs more.
 inline void product(const double* a, const double* b, int stride, int depth, int rows, double* c, int c_stride) {
   int r = 0;
-  for (; rows - r > 16; r += 24) productTile<3>(a + r, b, stride, depth, c + r, c_stride);
-  if (rows - r > 8) {
+  for (; rows - r > 2 * kLanes; r += 3 * kLanes) productTile<3>(a + r, b, stride, depth, c + r, c_stride);
+  if (rows - r > kLanes) {
     productTile<2>(a + r, b, stride, depth, c + r, c_stride);
   } else if (rows - r > 0) {
     productTile<1>(a + r, b, stride, depth, c + r, c_stride);
@@ -187,38 +188,27 @@ bool PanelFactor::invertDiagonal(const double* values) {
 
 namespace {
 
-// How W right-hand sides are held in registers: N packs of type T.
-template <int W>
-struct Lanes {
-  using T = Pack8;
-  static constexpr int N = W / 8;
-};
-template <>
-struct Lanes<4> {
-  using T = Pack4;
-  static constexpr int N = 1;
-};
-
 /// Three rows of W right-hand sides each.
 template <int W>
 struct Rows3 {
-  using T = typename Lanes<W>::T;
-  static constexpr int N = Lanes<W>::N;
+  static constexpr int kWidth = std::min(W, kLanes);  // of one register
+  static constexpr int N = W / kWidth;
+  typedef double T __attribute__((vector_size(kWidth * sizeof(double))));
   T v[3][N];
 
   void load(const double* from) {
     for (int i = 0; i < 3; ++i)
-      for (int p = 0; p < N; ++p) std::memcpy(&v[i][p], from + i * W + p * (W / N), sizeof(T));
+      for (int p = 0; p < N; ++p) std::memcpy(&v[i][p], from + i * W + p * kWidth, sizeof(T));
   }
   void store(double* to) const {
     for (int i = 0; i < 3; ++i)
-      for (int p = 0; p < N; ++p) std::memcpy(to + i * W + p * (W / N), &v[i][p], sizeof(T));
+      for (int p = 0; p < N; ++p) std::memcpy(to + i * W + p * kWidth, &v[i][p], sizeof(T));
   }
   /// v_i -= a[i * step] x for one row x of right-hand sides.
   void subtract(const double* a, std::size_t step, const double* x) {
     for (int p = 0; p < N; ++p) {
       T row;
-      std::memcpy(&row, x + p * (W / N), sizeof(T));
+      std::memcpy(&row, x + p * kWidth, sizeof(T));
       for (int i = 0; i < 3; ++i) v[i][p] -= a[static_cast<std::size_t>(i) * step] * row;
     }
   }
@@ -309,18 +299,18 @@ void PanelFactor::forward<1>(const double* values, double* x, int begin, std::sp
     }
     double* sum = gather_.data();
     const double* block = values + panel.value + width;
-    for (int r = 0; r < below; r += 16, block += 16) {
-      Pack8 s0 = {}, s1 = {};
+    for (int r = 0; r < below; r += 2 * kLanes, block += 2 * kLanes) {
+      Pack s0 = {}, s1 = {};
       const double* a = block;
       for (int k = 0; k < width; ++k, a += panel.stride) {
-        Pack8 a0, a1;
+        Pack a0, a1;
         load(a0, a);
-        load(a1, a + 8);
+        load(a1, a + kLanes);
         s0 += a0 * own[k];
         s1 += a1 * own[k];
       }
       store(sum + r, s0);
-      store(sum + r + 8, s1);
+      store(sum + r + kLanes, s1);
     }
     const int* rows = rows_.data() + panel.row_begin + panel.columns;
     for (int r = 0; r < below / 3; ++r)
@@ -338,15 +328,15 @@ void PanelFactor::backward<1>(const double* values, double* x) const {
     double* below_x = gather_.data();
     for (int r = 0; r < below / 3; ++r)
       for (int i = 0; i < 3; ++i) below_x[3 * r + i] = x[3 * rows[r] + i];
-    std::fill(below_x + below, below_x + below + 8, 0.0);  // rows that the last pack has too many
+    std::fill(below_x + below, below_x + below + kLanes, 0.0);  // rows that the last pack has too many
     double* own = x + 3 * panel.first;
     for (int j = width - 3; j >= 0; j -= 3) {
       const double* c0 = values + panel.value + static_cast<std::size_t>(j) * panel.stride;
       const double* c1 = c0 + panel.stride;
       const double* c2 = c1 + panel.stride;
-      Pack8 p0 = {}, p1 = {}, p2 = {};
-      for (int r = 0; r < below; r += 8) {
-        Pack8 xr, a0, a1, a2;
+      Pack p0 = {}, p1 = {}, p2 = {};
+      for (int r = 0; r < below; r += kLanes) {
+        Pack xr, a0, a1, a2;
         load(xr, below_x + r);
         load(a0, c0 + width + r);
         load(a1, c1 + width + r);
@@ -356,7 +346,7 @@ void PanelFactor::backward<1>(const double* values, double* x) const {
         p2 += a2 * xr;
       }
       double s0 = 0, s1 = 0, s2 = 0;
-      for (int i = 0; i < 8; ++i) s0 += p0[i], s1 += p1[i], s2 += p2[i];
+      for (int i = 0; i < kLanes; ++i) s0 += p0[i], s1 += p1[i], s2 += p2[i];
       for (int r = j + 3; r < width; ++r) s0 += c0[r] * own[r], s1 += c1[r] * own[r], s2 += c2[r] * own[r];
       const double* inverse = inverse_diagonal_.data() + 3 * panel.first + j;
       own[j + 2] = (own[j + 2] - s2) * inverse[2];

@@ -46,6 +46,7 @@
   class Plot {
     constructor(figure) {
       this.data = JSON.parse(figure.querySelector("script").textContent);
+      if (this.data.rows.length === 0) throw new Error("it has no values");
       this.legend = figure.querySelector(".legend");
       this.canvas = figure.querySelector(".canvas");
       this.makeLegend();
@@ -182,7 +183,14 @@
   }
   Plot.sharing = true;  // until all plots are there
 
-  const plots = [...document.querySelectorAll("figure.plot")].map((figure) => new Plot(figure));
+  const plots = [];
+  for (const figure of document.querySelectorAll("figure.plot")) {
+    try {
+      plots.push(new Plot(figure));
+    } catch (error) {  // one plot that cannot be drawn must not take the others along
+      figure.querySelector(".canvas").textContent = "This plot could not be drawn: " + error.message;
+    }
+  }
   for (const plot of plots) {
     plot.group = plots.filter((other) => other === plot || (plot.data.group && other.data.group === plot.data.group));
   }

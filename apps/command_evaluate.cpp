@@ -1,0 +1,71 @@
+#include <fmt/format.h>
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "commands.h"
+#include "palpate/record/output_folder.h"
+#include "palpate/scene/overrides.h"
+#include "palpate/scene/reader.h"
+#include "palpate/session/evaluate.h"
+#include "progress.h"
+
+namespace palpate {
+namespace {
+
+struct EvaluateOptions {
+  std::vector<std::string> scenes;
+  Overrides overrides;
+  StudySettings study;
+  std::string out = "out/evaluate";
+};
+
+void evaluate(const EvaluateOptions& options) {
+  std::vector<SceneConfig> configs;  // all are read before the first runs: a mistake shows at once
+  for (const std::string& scene : options.scenes) {
+    configs.push_back(readScene(scene));
+    applyOverrides(configs.back(), options.overrides);
+  }
+  const OutputFolder writable(options.out);
+  std::vector<SceneStudy> studies;
+  for (const SceneConfig& config : configs) {
+    Progress progress(fmt::format("{}: reference and {} runs", config.name,
+                                  options.study.methods.size() * options.study.visual_steps.size()));
+    studies.push_back(evaluateScene(config, options.study, [&](double share) { progress(share); }));
+  }
+  writeStudy(studies, options.out);
+  fmt::print("{}report: {}/report.html\n", studyTable(studies), options.out);
+}
+
+}  // namespace
+
+void addEvaluateCommand(CLI::App& app) {
+  const auto options = std::make_shared<EvaluateOptions>();
+  CLI::App* command = app.add_subcommand(
+      "evaluate", "Fidelity study: every method along the same motion, against virtual coupling at a 1 ms visual step");
+  Overrides& overrides = options->overrides;
+  command->add_option("scenes", options->scenes, "Scene files (YAML)")->required()->type_name("SCENE");
+  command->add_option("--methods", options->study.methods, "Methods to compare; default all")
+      ->delimiter(',')
+      ->type_name("A,B");
+  command->add_option("--visual-dt", options->study.visual_steps, "Visual steps, s; default 0.010,0.020,0.033")
+      ->delimiter(',')
+      ->type_name("S,S");
+  command->add_option("--latency", overrides.latency, "Visual steps until a step's result reaches the haptic loop")
+      ->type_name("N");
+  command->add_option("--aim", overrides.aim, "What the visual handle aims at: sample or predicted")->type_name("NAME");
+  command->add_option("--derivative", overrides.derivative, "Derivative in the handle model: frozen or full")
+      ->type_name("NAME");
+  command->add_option("--handle", overrides.handle, "Which of the tool's handles is held")->type_name("NAME");
+  command->add_option("--duration", overrides.duration, "Length of the run, s")->type_name("S");
+  command->add_option("--tetrahedra", overrides.tetrahedra, "Wanted size of the tool's simulation mesh")
+      ->type_name("N");
+  command->add_flag("--reference-check", options->study.reference_check, "Run the reference at half its step too");
+  command->add_option("--out", options->out, "Folder for summary.json and report.html")
+      ->type_name("DIR")
+      ->capture_default_str();
+  command->callback([options] { evaluate(*options); });
+}
+
+}  // namespace palpate

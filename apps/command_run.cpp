@@ -1,0 +1,87 @@
+#include <fmt/format.h>
+
+#include <memory>
+#include <string>
+
+#include "commands.h"
+#include "palpate/common/error.h"
+#include "palpate/devices/recorded_device.h"
+#include "palpate/session/run_files.h"
+#include "progress.h"
+#include "scene_options.h"
+
+namespace palpate {
+namespace {
+
+struct RunOptions {
+  SceneOptions scene;
+  std::string out;
+  std::string compare;
+  bool realtime = false;
+};
+
+// Another method along the motion that the first run's device made.
+Comparison compareAlong(SceneConfig config, const std::string& method, const MotionRecording& motion) {
+  Overrides overrides;
+  overrides.method = method;
+  applyOverrides(config, overrides);
+  Comparison out;
+  out.method = method;
+  BuiltScene scene = buildScene(config);
+  scene.device = std::make_unique<RecordedDevice>(motion, config.device.limits);
+  Progress progress(fmt::format("{} with {} along the same motion", config.name, method));
+  RunSink sink;
+  sink.progress = [&](double share) { progress(share); };
+  sink.tick = [&](const TickRecord& r) {
+    out.time.push_back(r.time);
+    out.raw.push_back(r.raw);
+  };
+  runLockstep(scene, timingOf(config), sink);
+  return out;
+}
+
+void run(const RunOptions& options) {
+  const SceneConfig config = options.scene.read();
+  if (options.realtime && !options.compare.empty()) {
+    throw InputError("--compare", "", "needs a run in lockstep, without --realtime");
+  }
+  BuiltScene scene = buildScene(config);
+  RunFiles files(options.out.empty() ? "out/" + config.name : options.out, config);
+  RunSink sink = files.sink();
+  MotionRecording motion;
+  motion.has_twist = true;
+  if (!options.compare.empty()) {
+    sink.tick = [&motion, write = sink.tick](const TickRecord& r) {
+      motion.samples.push_back({r.time, r.device});
+      write(r);
+    };
+  }
+  RunOutcome outcome;
+  {
+    Progress progress(fmt::format("{}: {} s {}", config.name, config.duration, options.realtime ? "in real time" : "in lockstep"));
+    sink.progress = [&](double share) { progress(share); };
+    outcome = options.realtime ? runRealtime(scene, timingOf(config), sink) : runLockstep(scene, timingOf(config), sink);
+  }
+  Comparison comparison;
+  if (!options.compare.empty()) comparison = compareAlong(config, options.compare, motion);
+  files.finish(scene, outcome, options.compare.empty() ? nullptr : &comparison);
+  const std::string out = options.out.empty() ? "out/" + config.name : options.out;
+  fmt::print("{}, method {}, held by {}\n{}report: {}/report.html\n", config.name, toString(config.method), config.tool.handle,
+             files.table(), out);
+  if (!outcome.realtime_note.empty()) fmt::print("real-time priority: {}\n", outcome.realtime_note);
+}
+
+}  // namespace
+
+void addRunCommand(CLI::App& app) {
+  const auto options = std::make_shared<RunOptions>();
+  CLI::App* command = app.add_subcommand("run", "Run a scene and record it: files of numbers and a report to read");
+  options->scene.addScene(*command);
+  options->scene.addOverrides(*command);
+  command->add_flag("--realtime", options->realtime, "Two threads against the clock; otherwise lockstep in virtual time");
+  command->add_option("--compare", options->compare, "Method to run along the same motion and show beside")->type_name("NAME");
+  command->add_option("--out", options->out, "Folder for the files; default out/NAME of the scene")->type_name("DIR");
+  command->callback([options] { run(*options); });
+}
+
+}  // namespace palpate

@@ -1,0 +1,50 @@
+#include <cstdio>
+#include <exception>
+#include <new>
+#include <string>
+
+#include "commands.h"
+#include "palpate/common/error.h"
+
+namespace {
+
+constexpr int kBadInput = 2;
+constexpr int kFailedRun = 1;
+
+// One line whatever the cause: libraries put line ends into their messages.
+int fail(const std::string& message, int code) {
+  std::string line = message;
+  for (char& c : line) {
+    if (c == '\n' || c == '\r') c = ' ';
+  }
+  std::fprintf(stderr, "palpate: %s\n", line.c_str());
+  return code;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  CLI::App app("Palpate: feel soft things with soft tools. One subcommand a job; each has --help.");
+  app.set_version_flag("--version", PALPATE_VERSION);
+  app.require_subcommand(1);
+  palpate::addRunCommand(app);
+  palpate::addOneDCommand(app);
+  palpate::addCheckCommand(app);
+  palpate::addEvaluateCommand(app);
+  palpate::addMeshCommand(app);
+  palpate::addValidateCommand(app);
+  palpate::addDevicesCommand(app);
+  try {
+    app.parse(argc, argv);
+    return 0;
+  } catch (const CLI::ParseError& e) {
+    if (e.get_exit_code() == 0) return app.exit(e);  // --help, --version
+    return fail(e.what(), kBadInput);
+  } catch (const palpate::InputError& e) {
+    return fail(e.what(), kBadInput);
+  } catch (const std::bad_alloc&) {
+    return fail("out of memory", kFailedRun);
+  } catch (const std::exception& e) {
+    return fail(e.what(), kFailedRun);
+  }
+}

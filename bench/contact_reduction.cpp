@@ -1,0 +1,96 @@
+// Contact reduction on the scanned bunny pressed onto the ground: every surface point as a contact against the reduced
+// set. Counters: total normal force, deepest penetration, contacts, and the norm of Kx's force block for both models of
+// the Delassus matrix.
+#include <benchmark/benchmark.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <map>
+#include <memory>
+
+#include "palpate/linearization/linearize.h"
+#include "palpate/math/rotation.h"
+#include "palpate/mesh/embed_surface.h"
+#include "palpate/mesh/surface_io.h"
+
+namespace palpate {
+namespace {
+
+const char* const kBunny = "/usr/share/glmark2/models/bunny.obj";
+
+// The bunny of 0.1 m, upright, its lowest vertex at z = 0.
+const SimulationMesh& bunny(int tetrahedra) {
+  static std::map<int, SimulationMesh> meshes;
+  const auto [at, fresh] = meshes.try_emplace(tetrahedra);
+  SimulationMesh& mesh = at->second;
+  if (!fresh) return mesh;
+  Surface surface = loadSolid(kBunny, 0.1);
+  double lowest = 1e300;
+  for (Vec3& p : surface.vertices) {
+    p = Vec3(p.x(), -p.z(), p.y());
+    lowest = std::min(lowest, p.z());
+  }
+  for (Vec3& p : surface.vertices) p.z() -= lowest;
+  EmbedOptions options;
+  options.target_tetrahedra = tetrahedra;
+  mesh = embedSurface(surface, options);
+  return mesh;
+}
+
+World heldBunny(int tetrahedra, bool reduce) {
+  Body body("bunny", bunny(tetrahedra), Material{});
+  double top = 0;
+  for (int i = 0; i < body.nodes(); ++i) top = std::max(top, body.positions()[3 * i + 2]);
+  std::vector<int> nodes;
+  std::vector<Vec3> positions;
+  std::vector<double> masses;
+  for (int i = 0; i < body.nodes(); ++i) {
+    const Vec3 p = body.positions().segment<3>(3 * i);
+    if (p.z() < 0.75 * top) continue;
+    nodes.push_back(i);
+    positions.push_back(p);
+    masses.push_back(body.elasticity().mass()[i]);
+  }
+  body.hold(makeHandle("head", nodes, positions, masses, 0.02, Vec3::Zero(), Quat::Identity()));
+  World world;
+  world.contact.reduce = reduce;
+  world.obstacles.push_back({PlaneShape{}, 0.5, "ground"});
+  world.add(std::move(body));
+  return world;
+}
+
+void contactReduction(benchmark::State& state) {
+  if (!std::filesystem::exists(kBunny)) {
+    state.SkipWithError("needs Debian's package glmark2-data");
+    return;
+  }
+  constexpr double h = 0.02;
+  World world = heldBunny(static_cast<int>(state.range(0)), state.range(1) != 0);
+  DeviceTarget target{world.tool().handle().pose, Vec6::Zero()};
+  for (int n = 0; n < 20; ++n) {  // pressed 3 mm
+    target.pose.position.z() -= 0.003 / 20;
+    benchmark::DoNotOptimize(world.step(target, h));
+  }
+  StepReport report;
+  for (auto _ : state) report = world.step(target, h);
+  double normal = 0;
+  for (Eigen::Index i = 0; i < world.toolContacts().impulse.size(); i += 3) normal += world.toolContacts().impulse[i] / h;
+  const auto stiffness = [&](DelassusModel model) {
+    return Mat3(linearize(world, {model, Derivative::frozen}, 0.0).kx.topLeftCorner<3, 3>()).norm();
+  };
+  state.counters["contacts"] = report.contacts;
+  state.counters["active"] = report.active;
+  state.counters["normal_N"] = normal;
+  state.counters["penetration_um"] = 1e6 * report.penetration;
+  state.counters["kx_hsl"] = stiffness(DelassusModel::diagonal);
+  state.counters["kx_exact"] = stiffness(DelassusModel::exact);
+  state.counters["converged"] = report.status == StepStatus::ok ? 1 : 0;
+}
+BENCHMARK(contactReduction)
+    ->ArgNames({"tetrahedra", "reduced"})
+    ->ArgsProduct({{300, 3000}, {1, 0}})
+    ->Iterations(20)
+    ->Unit(benchmark::kMillisecond);
+
+}  // namespace
+}  // namespace palpate

@@ -1,0 +1,59 @@
+#pragma once
+
+#include <string>
+
+#include "palpate/mesh/embed_surface.h"
+#include "palpate/mesh/mesh_quality.h"
+
+// What `palpate mesh` does, without its command line. All throw InputError for bad input.
+
+namespace palpate {
+
+/// `mesh embed SURFACE --tets N [--size S] [--out FILE.vtk]`
+struct EmbedCommand {
+  std::string surface;
+  int tetrahedra = 300;
+  double size = 0;  ///< [m] longest side of the bounding box; 0 keeps the file's lengths
+  std::string out;  ///< .vtk; empty for none
+};
+struct EmbedSummary {
+  std::string surface;
+  int surface_vertices = 0;   ///< after repair
+  int surface_triangles = 0;  ///< after repair
+  EmbedReport embed;
+};
+EmbedSummary runMeshEmbed(const EmbedCommand& command);
+std::string formatReport(const EmbedSummary& summary);
+
+/// `mesh info SURFACE`: what is in the file, before and after repair.
+struct InfoSummary {
+  std::string surface;
+  int file_vertices = 0;
+  int file_triangles = 0;
+  RepairReport repair;
+  SurfaceMeasures measures;  ///< repaired, holes capped
+  TriangleQuality quality;   ///< repaired
+  Bounds bounds;
+};
+InfoSummary runMeshInfo(const std::string& surface);
+std::string formatReport(const InfoSummary& summary);
+
+/// `mesh make SHAPE --out FILE [--size S]`: alien (height), box (edge), sphere (diameter), capsule (length, a quarter
+/// of it thick) as surfaces; bar (edge) also as .vtk, 4 x 4 x 3 cells unless given.
+struct MakeCommand {
+  std::string shape;
+  std::string out;
+  double size = 0;  ///< [m]; 0: 0.2 for the alien, 0.08 for the bar, 0.1 for the others
+  std::array<int, 3> cells = {4, 4, 3};
+};
+struct MakeSummary {
+  std::string shape;
+  std::string out;
+  int vertices = 0;
+  int triangles = 0;
+  int tetrahedra = 0;
+};
+MakeSummary runMeshMake(const MakeCommand& command);
+std::string formatReport(const MakeSummary& summary);
+
+}  // namespace palpate

@@ -1,0 +1,36 @@
+#pragma once
+
+#include <memory>
+#include <optional>
+
+#include "palpate/devices/device.h"
+#include "palpate/haptics/haptic_loop.h"
+#include "palpate/linearization/linearize.h"
+#include "palpate/mesh/embed_surface.h"
+#include "palpate/scene/config.h"
+#include "palpate/simulation/world.h"
+
+namespace palpate {
+
+/// A scene made ready to run.
+struct BuiltScene {
+  World world;
+  HapticSettings haptic;
+  LinearizationSettings linearization;
+  std::unique_ptr<Device> device;
+  Pose start;                                            ///< first pose of the device
+  int tetrahedra = 0, nodes = 0, surface_triangles = 0;  ///< of all bodies
+  std::optional<EmbedReport> embedding;                  ///< of the tool, where it is an embedded surface
+};
+
+/// Makes bodies, obstacles, device and haptic settings of a scene (its files resolved).
+/// @throws InputError for what only the meshes tell: a region without nodes, a surface without volume
+BuiltScene buildScene(const SceneConfig& config);
+
+/// Weight of handle and tool together, at their center of mass, as the tool now hangs.
+CompensatedWeight staticWeight(const World& world);
+
+/// The tool of a scene alone, without device: for reports on meshes and for checks.
+SimulationMesh buildMesh(const BodyConfig& config, EmbedReport* report = nullptr);
+
+}  // namespace palpate

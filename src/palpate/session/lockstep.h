@@ -1,0 +1,38 @@
+#pragma once
+
+#include "palpate/session/builder.h"
+#include "palpate/session/run_record.h"
+
+namespace palpate {
+
+/// Timing of a run, from the scene's settings.
+struct RunTiming {
+  double duration = 10;
+  double haptic_step = 0.001;
+  double visual_step = 0.033;
+  int latency = 1;
+  bool predicted_aim = false;
+};
+RunTiming timingOf(const SceneConfig& config);
+
+/// What the visual handle aims at, from a device sample.
+DeviceTarget aimAt(const DeviceState& device, const RunTiming& timing);
+
+/// One visual step and its handle model: the six steps of the paper's algorithm (section 3.4).
+VisualRecord visualStep(World& world, const DeviceTarget& target, const LinearizationSettings& settings, double h,
+                        double time);
+
+/// Model of the present state at rest, for the start of a run.
+HandleModel startModel(BuiltScene& scene, const RunTiming& timing);
+
+/// Puts haptic loop and device to the start of a run. @returns the wrench that the hand carries at first
+Vec6 startHaptics(BuiltScene& scene, HapticLoop& loop);
+
+/// Runs a scene in virtual time on one thread; the same to the bit on every run on one machine. Tick i is at i * dt; the
+/// visual step of a tick samples the device first, and its model arrives `latency` visual steps later.
+RunOutcome runLockstep(BuiltScene& scene, const RunTiming& timing, const RunSink& sink);
+
+/// Runs a scene in real time, one thread a loop, and the caller's thread for the sink. Stops after the duration.
+RunOutcome runRealtime(BuiltScene& scene, const RunTiming& timing, const RunSink& sink);
+
+}  // namespace palpate

@@ -1,0 +1,39 @@
+#pragma once
+
+#include <filesystem>
+#include <memory>
+#include <string>
+
+#include "palpate/session/builder.h"
+#include "palpate/scene/config.h"
+#include "palpate/session/lockstep.h"
+#include "palpate/session/run_record.h"
+
+namespace palpate {
+
+/// Forces of another method along the same motion, shown beside the run's own.
+struct Comparison {
+  std::string method;
+  std::vector<double> time;   ///< [s]
+  std::vector<Vec6> raw;      ///< wrench on the device [N; N m]
+};
+
+/// Writes the files of a run (docs/files.md): haptic.csv, motion.csv, visual.csv, timing.csv, summary.json, report.html.
+class RunFiles {
+ public:
+  /// @throws InputError if the folder cannot be written
+  RunFiles(const std::filesystem::path& folder, const SceneConfig& config);
+  ~RunFiles();
+
+  RunSink sink();
+  /// Completes the files and gives them their names.
+  void finish(const BuiltScene& scene, const RunOutcome& outcome, const Comparison* comparison);
+  /// A short table of the run for the terminal; after finish().
+  std::string table() const;
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace palpate

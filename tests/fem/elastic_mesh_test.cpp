@@ -1,0 +1,234 @@
+// Corotational elements against their energy, differences, closed forms and a dense textbook assembly.
+#include "palpate/fem/elastic_mesh.h"
+
+#include <Eigen/LU>
+#include <gtest/gtest.h>
+
+#include <numeric>
+#include <random>
+
+#include "palpate/common/error.h"
+#include "palpate/fem/polar.h"
+#include "palpate/math/rotation.h"
+#include "palpate/mesh/shapes.h"
+
+namespace palpate {
+namespace {
+
+const Vec3 kSize(0.06, 0.04, 0.05);
+
+SimulationMesh smallBar() { return barMesh(kSize, {2, 2, 2}); }
+
+VecX restPositions(const SimulationMesh& mesh) {
+  VecX x(static_cast<Eigen::Index>(3 * mesh.mesh.nodes.size()));
+  for (std::size_t i = 0; i < mesh.mesh.nodes.size(); ++i) x.segment<3>(static_cast<Eigen::Index>(3 * i)) = mesh.mesh.nodes[i];
+  return x;
+}
+
+VecX randomVector(Eigen::Index size, double scale, unsigned seed) {
+  std::mt19937 random(seed);
+  std::uniform_real_distribution<double> uniform(-scale, scale);
+  VecX v(size);
+  for (Eigen::Index i = 0; i < size; ++i) v[i] = uniform(random);
+  return v;
+}
+
+VecX mapped(const VecX& x, const Mat3& map, const Vec3& shift) {
+  VecX y(x.size());
+  for (Eigen::Index i = 0; i < x.size(); i += 3) y.segment<3>(i) = map * x.segment<3>(i) + shift;
+  return y;
+}
+
+double energyAt(ElasticMesh fem, const VecX& x) {
+  fem.updateRotations(x);
+  return fem.energy(x);
+}
+
+TEST(ElasticMesh, ForcesAreMinusTheEnergysGradientToSecondOrder) {
+  const SimulationMesh mesh = smallBar();
+  ElasticMesh fem(mesh, {});
+  const VecX rest = restPositions(mesh);
+  const VecX x = mapped(rest, expRotation({0.4, -1.0, 0.3}).toRotationMatrix(), {0.1, 0, 0}) +
+                 randomVector(rest.size(), 0.004, 1);  // strains of about a fifth
+  const VecX direction = randomVector(rest.size(), 1.0, 2);
+  fem.updateRotations(x);
+  VecX f;
+  fem.forces(x, f);
+  const double exact = -f.dot(direction);
+  std::vector<double> errors;
+  for (const double step : {1e-3, 5e-4, 2.5e-4, 1.25e-4}) {
+    errors.push_back(std::abs((energyAt(fem, x + step * direction) - energyAt(fem, x - step * direction)) / (2 * step) - exact));
+  }
+  for (std::size_t i = 1; i < errors.size(); ++i) EXPECT_NEAR(errors[i - 1] / errors[i], 4.0, 0.2) << i;
+  const double finest = (energyAt(fem, x + 1e-6 * direction) - energyAt(fem, x - 1e-6 * direction)) / 2e-6;
+  EXPECT_NEAR(finest, exact, 1e-7 * std::abs(exact));
+}
+
+// At fixed rotations forces are affine, so one difference of any length gives K exactly.
+TEST(ElasticMesh, StiffnessIsTheDifferenceOfForcesAtFixedRotations) {
+  const SimulationMesh mesh = smallBar();
+  ElasticMesh fem(mesh, {});
+  const VecX x = restPositions(mesh) + randomVector(3 * fem.nodes(), 0.003, 3);
+  std::vector<int> rows(fem.nodes());
+  std::iota(rows.begin(), rows.end(), 0);
+  SymmetricBlockMatrix a = fem.pattern(rows);
+  fem.updateRotations(x);
+  fem.assemble(0.0, 1.0, a);
+  const VecX d = randomVector(x.size(), 0.01, 4);
+  VecX f0, f1;
+  fem.forces(x, f0);
+  fem.forces(x + d, f1);
+  const VecX kd = a.multiply(d);
+  EXPECT_LT((f0 - f1 - kd).norm(), 1e-12 * kd.norm());
+}
+
+// B^T D B with the 6x6 Hooke matrix and engineering strains, rotated, placed densely: shares nothing with the code.
+TEST(ElasticMesh, AssemblyAgreesWithTheDenseTextbook) {
+  const SimulationMesh mesh = smallBar();
+  Material material;
+  material.poisson_ratio = 0.3;
+  ElasticMesh fem(mesh, material);
+  const VecX x = mapped(restPositions(mesh), expRotation({1.0, 0.5, -0.2}).toRotationMatrix(), {0, 0, 0}) +
+                 randomVector(3 * fem.nodes(), 0.003, 5);
+  fem.updateRotations(x);
+  const double e = material.youngs_modulus;
+  const double nu = material.poisson_ratio;
+  Eigen::Matrix<double, 6, 6> hooke = Eigen::Matrix<double, 6, 6>::Zero();
+  hooke.topLeftCorner<3, 3>().setConstant(nu);
+  hooke.topLeftCorner<3, 3>().diagonal().setConstant(1 - nu);
+  hooke.bottomRightCorner<3, 3>().diagonal().setConstant(0.5 - nu);
+  hooke *= e / ((1 + nu) * (1 - 2 * nu));
+  MatX dense = MatX::Zero(3 * fem.nodes(), 3 * fem.nodes());
+  for (std::size_t n = 0; n < mesh.mesh.tetrahedra.size(); ++n) {
+    const auto& t = mesh.mesh.tetrahedra[n];
+    Eigen::Matrix4d c;
+    for (int k = 0; k < 4; ++k) c.row(k) << 1.0, mesh.mesh.nodes[t[k]].transpose();
+    const Eigen::Matrix4d inverse = c.inverse();
+    const double volume = std::abs(c.determinant()) / 6.0;
+    Eigen::Matrix<double, 6, 12> b = Eigen::Matrix<double, 6, 12>::Zero();
+    for (int k = 0; k < 4; ++k) {
+      const Vec3 g = inverse.block<3, 1>(1, k);
+      b.middleCols<3>(3 * k) << g.x(), 0, 0, 0, g.y(), 0, 0, 0, g.z(), g.y(), g.x(), 0, 0, g.z(), g.y(), g.z(), 0, g.x();
+    }
+    const Mat3 r = fem.elements()[n].rotation;
+    Eigen::Matrix<double, 12, 12> turn = Eigen::Matrix<double, 12, 12>::Zero();
+    for (int k = 0; k < 4; ++k) turn.block<3, 3>(3 * k, 3 * k) = r;
+    const Eigen::Matrix<double, 12, 12> ke = volume * turn * b.transpose() * hooke * b * turn.transpose();
+    for (int i = 0; i < 4; ++i) {
+      for (int j = 0; j < 4; ++j) dense.block<3, 3>(3 * t[i], 3 * t[j]) += ke.block<3, 3>(3 * i, 3 * j);
+    }
+  }
+  // some nodes without a row, the others in reverse
+  std::vector<int> rows(fem.nodes(), -1);
+  int count = 0;
+  for (int i = fem.nodes() - 1; i >= 0; --i) {
+    if (i % 5 != 2) rows[i] = count++;
+  }
+  SymmetricBlockMatrix a = fem.pattern(rows);
+  fem.assemble(1.5, 0.25, a);
+  MatX result(3 * count, 3 * count);
+  for (int k = 0; k < 3 * count; ++k) result.col(k) = a.multiply(VecX::Unit(3 * count, k));
+  double worst = 0;
+  for (int i = 0; i < fem.nodes(); ++i) {
+    for (int j = 0; j < fem.nodes(); ++j) {
+      if (rows[i] < 0 || rows[j] < 0) continue;
+      Mat3 expected = 0.25 * dense.block<3, 3>(3 * i, 3 * j);
+      if (i == j) expected.diagonal().array() += 1.5 * fem.mass()[i];
+      worst = std::max(worst, (result.block<3, 3>(3 * rows[i], 3 * rows[j]) - expected).cwiseAbs().maxCoeff());
+    }
+  }
+  EXPECT_LT(worst, 1e-12 * dense.cwiseAbs().maxCoeff());
+}
+
+TEST(ElasticMesh, RigidMotionGivesNoForceAndNoEnergy) {
+  const SimulationMesh mesh = smallBar();
+  ElasticMesh fem(mesh, {});
+  const VecX rest = restPositions(mesh);
+  std::mt19937 random(6);
+  std::uniform_real_distribution<double> angle(-3.0, 3.0);
+  const double scale = fem.material().youngs_modulus * kSize.x() * kSize.y();  // [N]
+  for (int n = 0; n < 20; ++n) {
+    const Mat3 r = expRotation({angle(random), angle(random), angle(random)}).toRotationMatrix();
+    const VecX x = mapped(rest, r, Vec3(angle(random), angle(random), angle(random)));
+    fem.updateRotations(x);
+    VecX f;
+    fem.forces(x, f);
+    EXPECT_LT(f.cwiseAbs().maxCoeff(), 1e-11 * scale);
+    EXPECT_LT(fem.energy(x), 1e-20 * scale + 1e-24);
+  }
+}
+
+// Patch test: x = R S X with S symmetric gives each element the same stress, so interior nodes feel no force and a
+// face's nodes sum to stress times area.
+TEST(ElasticMesh, PatchTestGivesConstantStress) {
+  const SimulationMesh mesh = barMesh(kSize, {3, 3, 3});
+  Material material;
+  material.poisson_ratio = 0.35;
+  ElasticMesh fem(mesh, material);
+  Mat3 stretch;
+  stretch << 1.15, 0.05, -0.02, 0.05, 0.9, 0.03, -0.02, 0.03, 1.02;
+  const Mat3 r = expRotation({0.3, 2.0, -0.4}).toRotationMatrix();
+  const VecX x = mapped(restPositions(mesh), r * stretch, {0.2, 0.1, 0});
+  fem.updateRotations(x);
+  VecX f;
+  fem.forces(x, f);
+  const double nu = material.poisson_ratio;
+  const double lame = material.youngs_modulus * nu / ((1 + nu) * (1 - 2 * nu));
+  const double shear = material.youngs_modulus / (2 * (1 + nu));
+  const Mat3 strain = stretch - Mat3::Identity();
+  const Mat3 stress = r * (lame * strain.trace() * Mat3::Identity() + 2 * shear * strain);
+  const double scale = stress.norm() * kSize.x() * kSize.y();
+  Vec3 face = Vec3::Zero();  // total over the nodes on x = 0, whose outward normal is -x; edges carry other faces too
+  Vec3 interior = Vec3::Zero();
+  Vec3 total = Vec3::Zero();
+  for (int i = 0; i < fem.nodes(); ++i) {
+    const Vec3& p = mesh.mesh.nodes[i];
+    const Vec3 at = f.segment<3>(3 * i);
+    total += at;
+    const bool inside = (p.array() > 1e-9).all() && (p.array() < kSize.array() - 1e-9).all();
+    if (inside) interior = interior.cwiseMax(at.cwiseAbs());
+    if (p.x() < 1e-9) face += at;
+  }
+  EXPECT_LT(interior.maxCoeff(), 1e-12 * scale);
+  EXPECT_LT(total.norm(), 1e-12 * scale);
+  // the faces y = 0 and y = max (and z) give the nodes on x = 0 opposite forces, so they cancel in the sum
+  const Vec3 expected = stress * Vec3(kSize.y() * kSize.z(), 0, 0);
+  EXPECT_LT((face - expected).norm(), 1e-11 * scale);
+}
+
+TEST(ElasticMesh, MassIsDensityTimesVolume) {
+  Material material;
+  material.density = 870;
+  const ElasticMesh bar(smallBar(), material);
+  EXPECT_NEAR(bar.mass().sum(), 870 * kSize.prod(), 1e-14);
+  // half filled tetrahedra weigh and resist half
+  SimulationMesh half = smallBar();
+  for (double& f : half.fill) f = 0.5;
+  for (auto& s : half.share) {
+    for (double& k : s) k *= 0.5;
+  }
+  const ElasticMesh light(half, material);
+  EXPECT_NEAR(light.mass().sum(), 0.5 * 870 * kSize.prod(), 1e-14);
+  EXPECT_DOUBLE_EQ(light.elements()[3].mu, 0.5 * bar.elements()[3].mu);
+}
+
+TEST(ElasticMesh, RefusesImpossibleMaterialsAndElements) {
+  const SimulationMesh mesh = smallBar();
+  const auto with = [](auto change) {
+    Material m;
+    change(m);
+    return m;
+  };
+  EXPECT_THROW(ElasticMesh(mesh, with([](Material& m) { m.youngs_modulus = 0; })), InputError);
+  EXPECT_THROW(ElasticMesh(mesh, with([](Material& m) { m.density = -1; })), InputError);
+  EXPECT_THROW(ElasticMesh(mesh, with([](Material& m) { m.poisson_ratio = 0.5; })), InputError);
+  EXPECT_THROW(ElasticMesh(mesh, with([](Material& m) { m.damping_beta = -1; })), InputError);
+  EXPECT_THROW(ElasticMesh(mesh, with([](Material& m) { m.damping_alpha = NAN; })), InputError);
+  EXPECT_THROW(ElasticMesh(mesh, with([](Material& m) { m.damping_beta = INFINITY; })), InputError);
+  SimulationMesh flat = mesh;
+  flat.mesh.nodes[flat.mesh.tetrahedra[0][1]] = flat.mesh.nodes[flat.mesh.tetrahedra[0][0]];
+  EXPECT_THROW(ElasticMesh(flat, Material{}), InputError);
+}
+
+}  // namespace
+}  // namespace palpate

@@ -1,3 +1,0 @@
-#include <gtest/gtest.h>
-#include "palpate/simulation/world.h"
-TEST(X, Y) {}
