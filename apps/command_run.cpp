@@ -7,6 +7,7 @@
 #include "palpate/common/error.h"
 #include "palpate/devices/recorded_device.h"
 #include "palpate/session/run_files.h"
+#include "palpate/session/snapshots.h"
 #include "progress.h"
 #include "scene_options.h"
 
@@ -18,6 +19,7 @@ struct RunOptions {
   std::string out;
   std::string compare;
   bool realtime = false;
+  int pictures = 6;
 };
 
 // Another method along the motion that the first run's device made.
@@ -56,6 +58,8 @@ void run(const RunOptions& options) {
       write(r);
     };
   }
+  Snapshots snapshots(config, scene.world, options.realtime ? 0 : options.pictures);
+  if (!options.realtime) sink = snapshots.watch(sink);
   RunOutcome outcome;
   {
     Progress progress(fmt::format("{}: {} s {}", config.name, config.duration, options.realtime ? "in real time" : "in lockstep"));
@@ -64,7 +68,7 @@ void run(const RunOptions& options) {
   }
   Comparison comparison;
   if (!options.compare.empty()) comparison = compareAlong(config, options.compare, motion);
-  files.finish(scene, outcome, options.compare.empty() ? nullptr : &comparison);
+  files.finish(scene, outcome, options.compare.empty() ? nullptr : &comparison, snapshots.draw());
   const std::string out = options.out.empty() ? "out/" + config.name : options.out;
   fmt::print("{}, method {}, held by {}\n{}report: {}/report.html\n", config.name, toString(config.method), config.tool.handle,
              files.table(), out);
@@ -80,6 +84,9 @@ void addRunCommand(CLI::App& app) {
   options->scene.addOverrides(*command);
   command->add_flag("--realtime", options->realtime, "Two threads against the clock; otherwise lockstep in virtual time");
   command->add_option("--compare", options->compare, "Method to run along the same motion and show beside")->type_name("NAME");
+  command->add_option("--pictures", options->pictures, "Pictures of the run in lockstep, evenly spaced in time; 0: none")
+      ->check(CLI::Range(0, 60))
+      ->capture_default_str();
   command->add_option("--out", options->out, "Folder for the files; default out/NAME of the scene")->type_name("DIR");
   command->callback([options] { run(*options); });
 }

@@ -1,8 +1,8 @@
 // Corotational elements against their energy, differences, closed forms and a dense textbook assembly.
 #include "palpate/fem/elastic_mesh.h"
 
-#include <Eigen/LU>
 #include <gtest/gtest.h>
+#include <Eigen/LU>
 
 #include <numeric>
 #include <random>
@@ -21,7 +21,8 @@ SimulationMesh smallBar() { return barMesh(kSize, {2, 2, 2}); }
 
 VecX restPositions(const SimulationMesh& mesh) {
   VecX x(static_cast<Eigen::Index>(3 * mesh.mesh.nodes.size()));
-  for (std::size_t i = 0; i < mesh.mesh.nodes.size(); ++i) x.segment<3>(static_cast<Eigen::Index>(3 * i)) = mesh.mesh.nodes[i];
+  for (std::size_t i = 0; i < mesh.mesh.nodes.size(); ++i)
+    x.segment<3>(static_cast<Eigen::Index>(3 * i)) = mesh.mesh.nodes[i];
   return x;
 }
 
@@ -57,7 +58,8 @@ TEST(ElasticMesh, ForcesAreMinusTheEnergysGradientToSecondOrder) {
   const double exact = -f.dot(direction);
   std::vector<double> errors;
   for (const double step : {1e-3, 5e-4, 2.5e-4, 1.25e-4}) {
-    errors.push_back(std::abs((energyAt(fem, x + step * direction) - energyAt(fem, x - step * direction)) / (2 * step) - exact));
+    errors.push_back(
+        std::abs((energyAt(fem, x + step * direction) - energyAt(fem, x - step * direction)) / (2 * step) - exact));
   }
   for (std::size_t i = 1; i < errors.size(); ++i) EXPECT_NEAR(errors[i - 1] / errors[i], 4.0, 0.2) << i;
   const double finest = (energyAt(fem, x + 1e-6 * direction) - energyAt(fem, x - 1e-6 * direction)) / 2e-6;
@@ -108,7 +110,8 @@ TEST(ElasticMesh, AssemblyAgreesWithTheDenseTextbook) {
     Eigen::Matrix<double, 6, 12> b = Eigen::Matrix<double, 6, 12>::Zero();
     for (int k = 0; k < 4; ++k) {
       const Vec3 g = inverse.block<3, 1>(1, k);
-      b.middleCols<3>(3 * k) << g.x(), 0, 0, 0, g.y(), 0, 0, 0, g.z(), g.y(), g.x(), 0, 0, g.z(), g.y(), g.z(), 0, g.x();
+      b.middleCols<3>(3 * k) << g.x(), 0, 0, 0, g.y(), 0, 0, 0, g.z(), g.y(), g.x(), 0, 0, g.z(), g.y(), g.z(), 0,
+          g.x();
     }
     const Mat3 r = fem.elements()[n].rotation;
     Eigen::Matrix<double, 12, 12> turn = Eigen::Matrix<double, 12, 12>::Zero();

@@ -91,7 +91,7 @@ INSTANTIATE_TEST_SUITE_P(
                4},
         Regime{"sliding_exact", 0.3, true, vec6(0.02, 0.009, -0.01, 0, 0, 0.1), vec6(0.3, 0.1, 0, 0, 0, 0), 10, 0, 4},
         Regime{"frictionless", 0.0, false, vec6(0.01, 0, -0.01, 0.2, 0, 0), vec6(0.1, 0, 0, 0, 0, 0), 10, 0, 4},
-        Regime{"on_the_handle", 0.4, false, vec6(0, 0, -0.035, 2.2, 0, 0), vec6(0, 0.2, 0, 1, 0, 0), 40, 1, 0}),
+        Regime{"on_the_handle", 0.4, false, vec6(0, 0, -0.035, 2.2, 0, 0), vec6(0, 0.2, 0, 1, 0, 0), 40, 0, 1}),
     [](const auto& regime) { return std::string(regime.param.name); });
 
 }  // namespace

@@ -51,10 +51,11 @@ TEST(Rotation, JacobiansAreTheDerivatives) {
     Mat3 left, log;
     for (int k = 0; k < 3; ++k) {
       const Vec3 d = kStep * Vec3::Unit(k);
-      left.col(k) = (logRotation(expRotation(theta + d) * inverse) - logRotation(expRotation(theta - d) * inverse)) /
-                    (2 * kStep);
-      log.col(k) = (logRotation(expRotation(d) * expRotation(theta)) - logRotation(expRotation(-d) * expRotation(theta))) /
-                   (2 * kStep);
+      left.col(k) =
+          (logRotation(expRotation(theta + d) * inverse) - logRotation(expRotation(theta - d) * inverse)) / (2 * kStep);
+      log.col(k) =
+          (logRotation(expRotation(d) * expRotation(theta)) - logRotation(expRotation(-d) * expRotation(theta))) /
+          (2 * kStep);
     }
     EXPECT_LT((leftJacobian(theta) - left).norm(), 1e-8) << angle;
     EXPECT_LT((leftJacobian(theta) * leftJacobianInverse(theta) - Mat3::Identity()).norm(), 1e-11) << angle;

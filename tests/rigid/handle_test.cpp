@@ -17,7 +17,9 @@ const std::vector<Vec3> kPositions{{0.1, 0, 0.2}, {0.13, 0.02, 0.2}, {0.1, 0.03,
 const std::vector<double> kMasses{0.01, 0.02, 0.005, 0.015};
 const Vec3 kInertia(1e-5, 2e-5, 3e-5);
 
-Handle sampleHandle() { return makeHandle("h", kNodes, kPositions, kMasses, 0.03, kInertia, expRotation({0.5, -1, 2})); }
+Handle sampleHandle() {
+  return makeHandle("h", kNodes, kPositions, kMasses, 0.03, kInertia, expRotation({0.5, -1, 2}));
+}
 
 TEST(Handle, OriginIsTheCenterOfMassAndNodesKeepTheirPlaces) {
   const Handle h = sampleHandle();

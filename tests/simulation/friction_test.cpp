@@ -15,7 +15,8 @@ constexpr double kStep = 0.01;
 
 enum class Tilt { gravity, plane };
 
-// Block on an incline of slope tan(theta) whose fall line has the given azimuth from world x, at rest and settled level.
+// Block on an incline of slope tan(theta) whose fall line has the given azimuth from world x, at rest and settled
+// level.
 World inclined(double slope, double azimuth, const FrictionCone& cone, Tilt tilt = Tilt::gravity) {
   Material material;
   material.youngs_modulus = 1e5;

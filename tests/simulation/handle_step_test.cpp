@@ -79,12 +79,11 @@ TEST(HandleStep, NewtonsLawOfTheHandle) {
       wrench.tail<3>() -= kAlpha * r * tool.handle().attached_inertia * r.transpose() * u.tail<3>();
       const Vec6 apart = poseDifference(pose, device.pose);
       const Mat3 jacobian = leftJacobianInverse(apart.tail<3>());
-      wrench.head<3>() -= world.link.stiffness * (apart.head<3>() + h * u.head<3>()) +
-                          world.link.damping * (u - speed).head<3>();
-      wrench.tail<3>() -=
-          world.link.rotational_stiffness *
-              (apart.tail<3>() + 0.5 * h * (jacobian + jacobian.transpose()) * u.tail<3>()) +
-          world.link.rotational_damping * (u - speed).tail<3>();
+      wrench.head<3>() -=
+          world.link.stiffness * (apart.head<3>() + h * u.head<3>()) + world.link.damping * (u - speed).head<3>();
+      wrench.tail<3>() -= world.link.rotational_stiffness *
+                              (apart.tail<3>() + 0.5 * h * (jacobian + jacobian.transpose()) * u.tail<3>()) +
+                          world.link.rotational_damping * (u - speed).tail<3>();
       Vec6 change;
       change.head<3>() = tool.handle().mass * (u - u0).head<3>();
       change.tail<3>() = inertia * (u - u0).tail<3>();
@@ -119,7 +118,8 @@ Drift spinDrift(double h) {
     Vec3 sum = hd.pose.position.cross(hd.mass * Vec3(hd.twist.head<3>())) + hd.worldInertia() * hd.twist.tail<3>();
     for (int i = 0; i < tool.nodes(); ++i) {
       if (tool.row()[i] < 0) continue;
-      sum += tool.positions().segment<3>(3 * i).cross(tool.elasticity().mass()[i] * tool.velocities().segment<3>(3 * i));
+      sum +=
+          tool.positions().segment<3>(3 * i).cross(tool.elasticity().mass()[i] * tool.velocities().segment<3>(3 * i));
     }
     return sum;
   };
@@ -158,8 +158,8 @@ TEST(HandleStep, ContactOnTheHandlesOwnSurface) {
   EXPECT_NEAR(pressed, 700 * 0.005, 0.01);
 }
 
-// The handle turns by a quarter of a radian a step: its surface leaves the tangent, by more than a millimetre, and still
-// must not sink in.
+// The handle turns by a quarter of a radian a step: its surface leaves the tangent, by more than a millimetre, and
+// still must not sink in.
 TEST(HandleStep, FastTurnOnTheHandlesOwnSurfaceDoesNotSinkIn) {
   World world;
   world.link = {700, 2, 5.0, 0.01};

@@ -88,8 +88,8 @@ TEST(Resting, SettledBodyStaysSettled) {
 
 TEST(Resting, BunnyOnTheGround) {
   if (!std::filesystem::exists(kBunny)) GTEST_SKIP() << "the scan is in Debian's glmark2-data";
-  World world = restingWorld(standing(moved(embedded(loadSolid(kBunny, 0.1), 300),
-                                            {Vec3::Zero(), Quat(Eigen::AngleAxisd(M_PI / 2, Vec3::UnitX()))})));
+  World world = restingWorld(standing(
+      moved(embedded(loadSolid(kBunny, 0.1), 300), {Vec3::Zero(), Quat(Eigen::AngleAxisd(M_PI / 2, Vec3::UnitX()))})));
   world.settle(0, Pose{});
   expectRests(world, 0.2);
 }

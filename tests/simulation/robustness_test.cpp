@@ -132,7 +132,8 @@ TEST(Determinism, RunsAreIdenticalToTheBit) {
   for (std::size_t shift = 0; shift < 6; ++shift) {
     const auto again = run(shift);
     for (std::size_t i = 0; i < first.size(); ++i) {
-      ASSERT_TRUE(first[i].size() == again[i].size() && first[i] == again[i]) << "step " << i / 3 << ", shift " << shift;
+      ASSERT_TRUE(first[i].size() == again[i].size() && first[i] == again[i])
+          << "step " << i / 3 << ", shift " << shift;
     }
   }
 }

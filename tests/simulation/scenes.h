@@ -27,7 +27,8 @@ inline Body bar(const std::array<int, 3>& cells, const Material& material, doubl
 }
 
 template <class Region>
-void holdNodes(Body& body, Region region, const Vec6& twist = Vec6::Zero(), const Vec3& own_inertia = {1e-5, 2e-5, 3e-5}) {
+void holdNodes(Body& body, Region region, const Vec6& twist = Vec6::Zero(),
+               const Vec3& own_inertia = {1e-5, 2e-5, 3e-5}) {
   std::vector<int> nodes;
   std::vector<Vec3> positions;
   std::vector<double> masses;

@@ -54,10 +54,9 @@ TEST(Step, EveryNodeObeysTheStepsEquation) {
     VecX residual(f.size());
     for (int i = 0; i < body.nodes(); ++i) {
       const double m = fem.mass()[i];
-      residual.segment<3>(3 * i) =
-          m * ((1 + h * material.damping_alpha) * body.velocities().segment<3>(3 * i) -
-               body.startVelocities().segment<3>(3 * i) - h * world.gravity) -
-          h * f.segment<3>(3 * i) + (h * material.damping_beta + h * h) * kv.segment<3>(3 * i);
+      residual.segment<3>(3 * i) = m * ((1 + h * material.damping_alpha) * body.velocities().segment<3>(3 * i) -
+                                        body.startVelocities().segment<3>(3 * i) - h * world.gravity) -
+                                   h * f.segment<3>(3 * i) + (h * material.damping_beta + h * h) * kv.segment<3>(3 * i);
     }
     const ContactSet& set = world.contacts(0);
     for (std::size_t c = 0; c < set.contacts.size(); ++c) {

@@ -22,7 +22,8 @@ struct BoundaryElement {
 
 BoundaryElement view(const Body& tool, int index) {
   const ElasticElement& e = tool.elasticity().elements()[index];
-  BoundaryElement b{&e, e.rotatedGradients(), {}, {}, {}, {}, {}};
+  BoundaryElement b;
+  b.element = &e;
   const Mat3 rotation = tool.startPose().matrix();
   for (int k = 0; k < 4; ++k) {
     const int node = e.node[k];
@@ -35,13 +36,20 @@ BoundaryElement view(const Body& tool, int index) {
       b.velocity[k] = tool.endVelocity().segment<3>(3 * tool.row()[node]);
     }
   }
-  const Mat3 g = e.rotation.transpose() * e.deformationGradient(tool.startPositions());
-  Mat3 stress = e.mu * (g + g.transpose());
-  stress.diagonal().array() += e.lambda * (g.trace() - 3.0) - 2.0 * e.mu;
+  // K v by the stress that v makes, as the forces by that of x: far fewer operations than K's sixteen blocks
+  Mat3 rate = b.velocity[0] * e.gradient[0].transpose();
+  for (int k = 1; k < 4; ++k) rate += b.velocity[k] * e.gradient[k].transpose();
+  const auto stress = [&](const Mat3& gradient, double trace_offset) -> Mat3 {
+    const Mat3 g = e.rotation.transpose() * gradient;
+    Mat3 s = e.mu * (g + g.transpose());
+    s.diagonal().array() += e.lambda * (g.trace() - 3.0 * trace_offset) - 2.0 * e.mu * trace_offset;
+    return e.rotation * s;
+  };
+  const Mat3 start = stress(e.deformationGradient(tool.startPositions()), 1.0);
+  const Mat3 change = stress(rate, 0.0);
   for (int i = 0; i < 4; ++i) {
-    b.start_force[i] = -(e.rotation * (stress * e.gradient[i]));
-    b.stiffness_velocity[i].setZero();
-    for (int j = 0; j < 4; ++j) b.stiffness_velocity[i] += e.stiffness(b.c, i, j) * b.velocity[j];
+    b.start_force[i] = -(start * e.gradient[i]);
+    b.stiffness_velocity[i] = change * e.gradient[i];
   }
   return b;
 }
@@ -80,6 +88,7 @@ RotationTerms rotationTerms(const Body& tool) {
     // Turn of the element by the pose: dR = [omega]x R, omega = R H^-1 axial(R^T dF - dF^T R), dF = sum_j dx_j grad
     // N_j^T
     Mat36 omega = Mat36::Zero();
+    const std::array<Vec3, 4> c = e.rotatedGradients();
     std::array<Mat36, 4> dvelocity;  // d(G u): the attached nodes' velocities turn with their levers
     for (int j = 0; j < 4; ++j) {
       dvelocity[j].setZero();
@@ -94,7 +103,7 @@ RotationTerms rotationTerms(const Body& tool) {
       // f = -R K (R^T x - X):  df = omega x f + K (omega x x);   d(K v) = omega x K v - K (omega x v) + K dv
       Mat36 de = -skew(b.start_force[i] - time * b.stiffness_velocity[i]) * omega;
       for (int j = 0; j < 4; ++j) {
-        const Mat3 k = e.stiffness(b.c, i, j);
+        const Mat3 k = e.stiffness(c, i, j);
         const Vec3 x = tool.startPositions().segment<3>(3 * e.node[j]);
         de -= k * (skew(x + time * b.velocity[j]) * omega + time * dvelocity[j]);
       }

@@ -233,13 +233,18 @@ ContactResponse contactResponse(const ContactSet& set, const FrictionCone& cone,
   return out;
 }
 
-Vec6 couplingWrench(const World& world) {
+namespace {
+
+Vec6 withHandleContact(const World& world, Vec6 wrench) {
   const Body& tool = world.tool();
-  Vec6 wrench = couplingForces(tool).wrench;
   const ContactSet& set = world.toolContacts();
   if (!set.rows.empty()) wrench += set.rows.front().handle * set.impulse / tool.input().step;
   return wrench;
 }
+
+}  // namespace
+
+Vec6 couplingWrench(const World& world) { return withHandleContact(world, couplingForces(world.tool()).wrench); }
 
 HandleModel linearize(World& world, const LinearizationSettings& settings, double time) {
   Body& tool = world.tool();
@@ -309,7 +314,7 @@ HandleModel linearize(World& world, const LinearizationSettings& settings, doubl
   if (touching) df += set.rows.front().handle * dlambda / h;
 
   HandleModel model;
-  model.force = couplingWrench(world);
+  model.force = withHandleContact(world, forces.wrench);
   model.pose = tool.startPose();
   model.twist = tool.startTwist();
   model.kx = df.leftCols<6>();

@@ -109,6 +109,33 @@ void appendTable(std::string& html, const Table& table) {
   html += "</figure>\n";
 }
 
+std::string base64(const std::vector<unsigned char>& bytes) {
+  constexpr std::string_view kDigits = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+  std::string out;
+  out.reserve((bytes.size() + 2) / 3 * 4);
+  for (std::size_t i = 0; i < bytes.size(); i += 3) {
+    const std::size_t left = bytes.size() - i;
+    const unsigned group =
+        bytes[i] * 65536U + (left > 1 ? bytes[i + 1] * 256U : 0U) + (left > 2 ? static_cast<unsigned>(bytes[i + 2]) : 0U);
+    out += kDigits[group >> 18U];
+    out += kDigits[(group >> 12U) & 63U];
+    out += left > 1 ? kDigits[(group >> 6U) & 63U] : '=';
+    out += left > 2 ? kDigits[group & 63U] : '=';
+  }
+  return out;
+}
+
+void appendImages(std::string& html, const Report& report) {
+  html += "<section class=\"card images\" aria-label=\"Pictures\">\n<div class=\"strip\">\n";
+  for (const Image& image : report.images) {
+    html += fmt::format("<figure><img alt=\"{}\" src=\"data:image/png;base64,{}\"><figcaption>{}</figcaption></figure>\n",
+                        escapeHtml(image.alt), base64(image.png), escapeHtml(image.title));
+  }
+  html += "</div>\n";
+  if (!report.images_note.empty()) html += fmt::format("<p class=\"note\">{}</p>\n", escapeHtml(report.images_note));
+  html += "</section>\n";
+}
+
 void requireConsistent(const Plot& plot) {
   for (const Series& series : plot.series) {
     if (series.values.size() == plot.x.size()) continue;
@@ -186,6 +213,7 @@ std::string reportHtml(const Report& report) {
   html += "<section class=\"tables\" aria-label=\"Figures\">\n";
   for (const Table& table : report.tables) appendTable(html, table);
   html += "</section>\n";
+  if (!report.images.empty()) appendImages(html, report);
   if (!report.plots.empty()) {
     html +=
         "<p class=\"hint\">Drag across a plot to zoom, double-click to see all of it, hold Shift and drag to move; a "

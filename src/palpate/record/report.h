@@ -38,6 +38,13 @@ struct Table {
   std::string note{};
 };
 
+/// A picture.
+struct Image {
+  std::string title;  ///< below it
+  std::string alt;    ///< what it shows, for those who do not see it
+  std::vector<unsigned char> png{};
+};
+
 /// A page that a person reads after a run.
 struct Report {
   std::string title;
@@ -45,6 +52,8 @@ struct Report {
   std::vector<Table> tables;
   std::vector<Plot> plots;
   std::string footer{};
+  std::vector<Image> images{};    ///< side by side above the plots
+  std::string images_note{};      ///< a sentence below them
 };
 
 /// Rows of a plot that are kept; longer ones are thinned so that minima and maxima stay (see decimate.h).

@@ -11,10 +11,10 @@
 
 #include "palpate/common/error.h"
 #include "palpate/haptics/device_filter.h"
-#include "palpate/session/builder.h"
 #include "palpate/scene/checks.h"
 #include "palpate/scene/overrides.h"
 #include "palpate/scene/text.h"
+#include "palpate/session/builder.h"
 #include "palpate/session/lockstep.h"
 
 namespace palpate {

@@ -22,12 +22,12 @@ DeviceTarget aimAt(const DeviceState& device, const RunTiming& timing) {
 }
 
 VisualRecord visualStep(World& world, const DeviceTarget& target, const LinearizationSettings& settings, double h,
-                        double time) {
+                        double time, const HandleModel& previous) {
   VisualRecord record;
   record.time = time;
   record.step = world.step(target, h);
   const auto begin = std::chrono::steady_clock::now();
-  record.model = linearize(world, settings, time);
+  record.model = record.step.status == StepStatus::restored ? previous : linearize(world, settings, time);
   record.linearization_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
   return record;
 }
@@ -55,6 +55,7 @@ RunOutcome runLockstep(BuiltScene& scene, const RunTiming& timing, const RunSink
   DeviceFilter filter(scene.haptic.filter);
   filter.reset(scene.start);
   HandleModel newest = startModel(scene, timing);
+  HandleModel last = newest;
   startHaptics(scene, loop);
   std::deque<Arrival> arrivals;
   DurationHistogram work;
@@ -63,7 +64,8 @@ RunOutcome runLockstep(BuiltScene& scene, const RunTiming& timing, const RunSink
     const DeviceState device = scene.device->sample(t);
     if (i % ticks_per_step == 0) {
       const DeviceTarget target = aimAt(filter.accept(device), timing);
-      const VisualRecord record = visualStep(scene.world, target, scene.linearization, timing.visual_step, t);
+      const VisualRecord record = visualStep(scene.world, target, scene.linearization, timing.visual_step, t, last);
+      last = record.model;
       arrivals.push_back({i + timing.latency * ticks_per_step, record.model});
       sink.visual(record);
       sink.progress(static_cast<double>(i) / static_cast<double>(ticks));

@@ -19,8 +19,9 @@ RunTiming timingOf(const SceneConfig& config);
 DeviceTarget aimAt(const DeviceState& device, const RunTiming& timing);
 
 /// One visual step and its handle model: the six steps of the paper's algorithm (section 3.4).
+/// @param previous  model of the step before, which stays in force if this step fails; its age then tells the watchdog
 VisualRecord visualStep(World& world, const DeviceTarget& target, const LinearizationSettings& settings, double h,
-                        double time);
+                        double time, const HandleModel& previous);
 
 /// Model of the present state at rest, for the start of a run.
 HandleModel startModel(BuiltScene& scene, const RunTiming& timing);

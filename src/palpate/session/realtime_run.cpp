@@ -49,7 +49,7 @@ void hapticThread(BuiltScene& scene, const RunTiming& timing, HapticLoop& loop, 
   shared.haptic_done.store(true, std::memory_order_release);
 }
 
-void visualThread(BuiltScene& scene, const RunTiming& timing, Shared& shared) {
+void visualThread(BuiltScene& scene, const RunTiming& timing, HandleModel last, Shared& shared) {
   DeviceFilter filter(scene.haptic.filter);
   filter.reset(scene.start);
   PeriodicReport report;
@@ -60,8 +60,9 @@ void visualThread(BuiltScene& scene, const RunTiming& timing, Shared& shared) {
     const double now = std::chrono::duration<double>(std::chrono::steady_clock::now() - shared.start).count();
     const DeviceState* device = shared.samples.read();
     if (device == nullptr) continue;
-    VisualRecord record =
-        visualStep(scene.world, aimAt(filter.accept(*device), timing), scene.linearization, timing.visual_step, now);
+    VisualRecord record = visualStep(scene.world, aimAt(filter.accept(*device), timing), scene.linearization,
+                                     timing.visual_step, now, last);
+    last = record.model;
     record.lateness_s = now - clock.time(k);
     shared.models.write(record.model);
     shared.visuals.push(record);
@@ -74,7 +75,8 @@ void visualThread(BuiltScene& scene, const RunTiming& timing, Shared& shared) {
 RunOutcome runRealtime(BuiltScene& scene, const RunTiming& timing, const RunSink& sink) {
   Shared shared;
   HapticLoop loop(scene.haptic);
-  shared.models.write(startModel(scene, timing));
+  const HandleModel first = startModel(scene, timing);
+  shared.models.write(first);
   startHaptics(scene, loop);
   PeriodicReport report;
   RealtimeGrant grant;
@@ -83,7 +85,7 @@ RunOutcome runRealtime(BuiltScene& scene, const RunTiming& timing, const RunSink
   std::thread haptic([&] { hapticThread(scene, timing, loop, shared, report, grant); });
   std::thread visual([&] {
     try {
-      visualThread(scene, timing, shared);
+      visualThread(scene, timing, first, shared);
     } catch (...) {  // the haptic loop must end too; its watchdog lets the force fade first
       failure = std::current_exception();
       shared.stop.store(true);

@@ -193,13 +193,15 @@ struct RunFiles::Impl {
     return j;
   }
 
-  Report report(const Comparison* other) const {
+  Report report(const Comparison* other, const RunPictures& pictures) const {
     Report page;
     page.title = fmt::format("Palpate: {}", config.name);
     page.subtitle = fmt::format("{} held by {}, method {}, visual step {} ms, latency {}, {} s", config.tool.name,
                                 config.tool.handle, toString(config.method), 1e3 * config.visual_step, config.latency,
                                 config.duration);
     page.tables.push_back({"This run", {"", "", ""}, rows, ""});
+    page.images = pictures.images;
+    page.images_note = pictures.note;
     page.plots.push_back(vectorPlot("Force on the hand", "Force, N", plot_time, plot_sent, 0, "time",
                                     "What the device renders, after the safety stage; world frame, z up."));
     if (other != nullptr) page.plots.push_back(comparisonPlot(*other));
@@ -242,6 +244,10 @@ struct RunFiles::Impl {
     stepPlot("Cost of a visual step", "Time, ms", {{"whole step", step_ms}, {"linearization", linearization_ms}}, "");
     page.footer = "Written by palpate run. The numbers behind the plots: haptic.csv, visual.csv, timing.csv, summary.json.";
     return page;
+  }
+
+  void writePng(const std::string& name, const std::vector<unsigned char>& png) {
+    writeWhole(folder.stage(name), {reinterpret_cast<const char*>(png.data()), png.size()});
   }
 
   Plot comparisonPlot(const Comparison& other) const {
@@ -297,7 +303,8 @@ RunSink RunFiles::sink() {
   return s;
 }
 
-void RunFiles::finish(const BuiltScene& scene, const RunOutcome& outcome, const Comparison* comparison) {
+void RunFiles::finish(const BuiltScene& scene, const RunOutcome& outcome, const Comparison* comparison,
+                      const RunPictures& pictures) {
   Impl& i = *impl_;
   i.haptic.close();
   i.motion.close();
@@ -321,7 +328,11 @@ void RunFiles::finish(const BuiltScene& scene, const RunOutcome& outcome, const 
   add("deepest penetration", fmt::format("{:.3g}", i.maxOf(i.penetration_mm)), "mm");
   add("force on the hand: peak, RMS",
       fmt::format("{:.3g}, {:.3g}", i.peak_force, std::sqrt(i.force_squares / static_cast<double>(std::max<std::int64_t>(1, i.ticks)))), "N");
-  writeReport(i.folder.stage("report.html"), i.report(comparison));
+  for (std::size_t k = 0; k < pictures.images.size(); ++k) {
+    i.writePng(fmt::format("picture-{}.png", k + 1), pictures.images[k].png);
+  }
+  if (!pictures.sheet.empty()) i.writePng("pictures.png", pictures.sheet);
+  writeReport(i.folder.stage("report.html"), i.report(comparison, pictures));
   writeJson(i.folder.stage("summary.json"), i.summary(scene, outcome));
   i.folder.commit();
 }

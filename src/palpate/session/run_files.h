@@ -8,6 +8,7 @@
 #include "palpate/scene/config.h"
 #include "palpate/session/lockstep.h"
 #include "palpate/session/run_record.h"
+#include "palpate/session/snapshots.h"
 
 namespace palpate {
 
@@ -18,7 +19,8 @@ struct Comparison {
   std::vector<Vec6> raw;      ///< wrench on the device [N; N m]
 };
 
-/// Writes the files of a run (docs/files.md): haptic.csv, motion.csv, visual.csv, timing.csv, summary.json, report.html.
+/// Writes the files of a run (docs/files.md): haptic.csv, motion.csv, visual.csv, timing.csv, summary.json, report.html,
+/// and with pictures picture-1.png, ... and pictures.png.
 class RunFiles {
  public:
   /// @throws InputError if the folder cannot be written
@@ -27,7 +29,8 @@ class RunFiles {
 
   RunSink sink();
   /// Completes the files and gives them their names.
-  void finish(const BuiltScene& scene, const RunOutcome& outcome, const Comparison* comparison);
+  void finish(const BuiltScene& scene, const RunOutcome& outcome, const Comparison* comparison,
+              const RunPictures& pictures = {});
   /// A short table of the run for the terminal; after finish().
   std::string table() const;
 

@@ -106,7 +106,7 @@ void luSolve(const Eigen::Ref<const MatX>& lu, const std::vector<int>& pivots, E
   lu.triangularView<Eigen::Upper>().solveInPlace(x);
 }
 
-void grow(std::vector<double>& buffer, Eigen::Index size) {
+void grow(std::vector<double, Eigen::aligned_allocator<double>>& buffer, Eigen::Index size) {
   if (buffer.size() < static_cast<std::size_t>(size)) buffer.resize(static_cast<std::size_t>(size));
 }
 

@@ -9,13 +9,13 @@ namespace palpate {
 
 /// Cone that bounds the friction impulse.
 struct FrictionCone {
-  bool exact = false;  ///< exact (round) Coulomb cone; otherwise the paper's linearised cone
-  /// Number of vertices k of the linearised cone's cross-section, inscribed in the circle of radius mu lambda_n, the
+  bool exact = false;  ///< exact (round) Coulomb cone; otherwise the paper's linearized cone
+  /// Number of vertices k of the linearized cone's cross-section, inscribed in the circle of radius mu lambda_n, the
   /// first along the contact's first tangent. It errs by 1 - cos(pi / k) between two vertices: 29 % at 4, 7.6 % at 8.
   int facets = 8;
 };
 
-/// What a contact does at the solution. For the linearised cone: the friction impulse inside the polygon (stick), on
+/// What a contact does at the solution. For the linearized cone: the friction impulse inside the polygon (stick), on
 /// one of its edges, or at one of its vertices.
 enum class ContactState : std::uint8_t { open, stick, slide, edge, vertex };
 
@@ -49,7 +49,7 @@ struct ContactSolverReport {
   double residual = 0.0;  ///< largest violation of the contact law, as a velocity [m/s]
 };
 
-/// Unit vector to vertex `index` of the linearised cone's cross-section, in contact coordinates (normal, first, second
+/// Unit vector to vertex `index` of the linearized cone's cross-section, in contact coordinates (normal, first, second
 /// tangent), so its first entry is 0. Friction at that vertex is mu lambda_n times it. Any index; it wraps around.
 Vec3 vertexDirection(int index, int facets);
 /// Outward unit normal of edge `index` (from vertex index to index + 1); the edge lies at mu lambda_n cos(pi / facets).
@@ -140,7 +140,9 @@ class ContactSolver {
   std::vector<Eigen::Vector2d> corner_, normal_, tangent_;  ///< [facets] of the unit polygon
   std::vector<Free> free_;                                  ///< closed contacts, sticking ones first
   int stick_unknowns_ = 0, slip_unknowns_ = 0;
-  std::vector<double> stick_matrix_, right_, left_, slip_matrix_, column_,
+  // aligned, as Eigen's vectors are: otherwise the heap decides how sums are split, and the last bits with it
+  using Buffer = std::vector<double, Eigen::aligned_allocator<double>>;
+  Buffer stick_matrix_, right_, left_, slip_matrix_, column_,
       shifted_matrix_;  ///< factor of the states' system, by blocks
   std::vector<int> pivots_;
   VecX rhs_;

@@ -1,0 +1,97 @@
+// The whole visual step, linearization included, on the shipped scenes, beside one numeric factorization of A_tt by
+// general-purpose libraries in the same run.
+#include <benchmark/benchmark.h>
+
+#include <algorithm>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "factorization_baseline.h"
+#include "palpate/haptics/device_filter.h"
+#include "palpate/scene/overrides.h"
+#include "palpate/scene/reader.h"
+#include "palpate/session/lockstep.h"
+#include "palpate/session/statistics.h"
+
+namespace palpate {
+namespace {
+
+struct Case {
+  const char* scene;
+  int tetrahedra;  // 0: the scene's own
+  bool exact;      // hsl-exact
+  double from;     // steps before this time are not measured [s]
+};
+
+SceneConfig configOf(const Case& c) {
+  SceneConfig config = readScene(std::string(PALPATE_SOURCE_DIR) + "/scenes/" + c.scene + ".yaml");
+  Overrides overrides;
+  overrides.device = "prescribed";
+  overrides.method = c.exact ? "hsl-exact" : "hsl";
+  if (c.tetrahedra > 0) overrides.tetrahedra = c.tetrahedra;
+  applyOverrides(config, overrides);
+  return config;
+}
+
+// One iteration is one visual step of the scene's motion in which contacts carry force; the scene starts over at its end.
+void visualStepInContact(benchmark::State& state, const Case& c) {
+  const SceneConfig config = configOf(c);
+  const RunTiming timing = timingOf(config);
+  BuiltScene scene = buildScene(config);
+  const HandleModel first = startModel(scene, timing);
+  std::vector<Body::State> start;
+  for (int i = 0; i < scene.world.bodies(); ++i) start.push_back(scene.world.body(i).state());
+  std::vector<double> total, factorize, contact, linearization, active, found;
+  double t = 0;
+  for (auto _ : state) {
+    VisualRecord record;
+    do {
+      if (t >= config.duration) {
+        for (int i = 0; i < scene.world.bodies(); ++i) scene.world.body(i).restore(start[static_cast<std::size_t>(i)]);
+        t = 0;
+      }
+      record = visualStep(scene.world, aimAt(scene.device->sample(t), timing), scene.linearization, timing.visual_step, t,
+                          first);
+      t += timing.visual_step;
+    } while (t < c.from || record.step.active == 0);
+    const double seconds = record.step.times.total() + record.linearization_s;
+    state.SetIterationTime(seconds);
+    total.push_back(1e3 * seconds);
+    factorize.push_back(1e3 * record.step.times.factorize);
+    contact.push_back(1e3 * record.step.times.contact);
+    linearization.push_back(1e3 * record.linearization_s);
+    active.push_back(record.step.active);
+    found.push_back(record.step.contacts_found);
+  }
+  const bench::FactorizationBaseline baseline = bench::measureFactorizationBaseline(scene.world.tool().system());
+  state.counters["tetrahedra"] = scene.tetrahedra;
+  state.counters["active"] = percentile(active, 0.5);
+  state.counters["found"] = percentile(found, 0.5);
+  state.counters["step_ms"] = percentile(total, 0.5);
+  state.counters["factorize_ms"] = percentile(factorize, 0.5);
+  state.counters["contact_ms"] = percentile(contact, 0.5);
+  state.counters["linearize_share"] = percentile(linearization, 0.5) / percentile(total, 0.5);
+  state.counters["baseline_ms"] = 1e-3 * baseline.fastest();
+  state.counters["over_baseline"] = percentile(total, 0.5) / (1e-3 * baseline.fastest());
+}
+
+const std::vector<std::pair<std::string, Case>> kCases{
+    {"block_288", {"block", 0, false, 0.6}},          {"block_2592", {"block-2592", 0, false, 0.6}},
+    {"block_10140", {"block-10140", 0, false, 0.6}},  {"alien", {"alien", 0, false, 0.5}},
+    {"alien_lying", {"alien-lying", 0, false, 0.5}},  {"alien_lying_exact", {"alien-lying", 0, true, 0.5}},
+    {"bunny_300", {"bunny", 0, false, 0.5}},          {"bunny_3000", {"bunny", 3000, false, 0.5}},
+};
+
+const bool kRegistered = [] {
+  for (const auto& [name, c] : kCases) {
+    benchmark::RegisterBenchmark(("visualStep/" + name).c_str(), visualStepInContact, c)
+        ->UseManualTime()
+        ->Unit(benchmark::kMillisecond)
+        ->MinTime(1.0);
+  }
+  return true;
+}();
+
+}  // namespace
+}  // namespace palpate

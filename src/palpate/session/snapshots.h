@@ -1,0 +1,57 @@
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "palpate/picture/types.h"
+#include "palpate/record/report.h"
+#include "palpate/scene/config.h"
+#include "palpate/session/run_record.h"
+#include "palpate/simulation/world.h"
+
+namespace palpate {
+
+/// Pictures of a run, ready to be written.
+struct RunPictures {
+  std::vector<Image> images;               ///< in order of time
+  std::string note{};                      ///< what to see in them
+  std::vector<unsigned char> sheet{};      ///< PNG of all of them, three a row; empty without pictures
+};
+
+/// Notes how the bodies of a run in lockstep stand at evenly spaced times, and draws them after it. Drawing afterwards
+/// costs the run nothing but a copy of the nodes, and lets one camera see the whole motion.
+class Snapshots {
+ public:
+  /// @param world  of the run, which must live as long as this; not stepped by another thread
+  /// @param count  pictures, >= 0
+  Snapshots(const SceneConfig& config, const World& world, int count);
+
+  /// A sink that notes what it needs and passes all rows on to `sink`. This must outlive it.
+  RunSink watch(RunSink sink);
+
+  RunPictures draw();
+
+ private:
+  struct Moment {
+    double time;             ///< [s]
+    std::vector<VecX> nodes; ///< positions, one a body [m]
+    Pose device;
+    Vec3 force;              ///< on the hand [N]
+  };
+
+  Vec3 lookingAlong() const;
+  PictureMesh bodyMesh(int body, const Moment& moment) const;
+  std::vector<PictureMesh> obstacleMeshes() const;
+  Vec3 penAxis(const Moment& moment) const;
+  Vec3 grip(const Moment& moment) const;
+  PictureScene sceneAt(const Moment& moment, const PictureScene& common, double metres_per_newton) const;
+
+  const SceneConfig& config_;
+  const World& world_;
+  std::vector<double> due_;  // [s]
+  std::vector<Moment> moments_;
+  TickRecord last_tick_;
+  double pen_length_ = 0;  // [m]
+};
+
+}  // namespace palpate
