@@ -85,7 +85,7 @@ void addRunCommand(CLI::App& app) {
   command->add_flag("--realtime", options->realtime, "Two threads against the clock; otherwise lockstep in virtual time");
   command->add_option("--compare", options->compare, "Method to run along the same motion and show beside")->type_name("NAME");
   command->add_option("--pictures", options->pictures, "Pictures of the run in lockstep, evenly spaced in time; 0: none")
-      ->check(CLI::Range(0, 60))
+      ->check(CLI::Range(0, kMostPictures))
       ->capture_default_str();
   command->add_option("--out", options->out, "Folder for the files; default out/NAME of the scene")->type_name("DIR");
   command->callback([options] { run(*options); });

@@ -48,7 +48,8 @@ Eigen::Vector2d project(const PictureCamera& camera, const Vec3& x, int width, i
 
 double volume(const PictureMesh& mesh) {
   double sum = 0;
-  for (const auto& [a, b, c] : mesh.triangles) sum += mesh.vertices[a].dot(mesh.vertices[b].cross(mesh.vertices[c])) / 6.0;
+  for (const auto& [a, b, c] : mesh.triangles)
+    sum += mesh.vertices[a].dot(mesh.vertices[b].cross(mesh.vertices[c])) / 6.0;
   return sum;
 }
 
@@ -118,9 +119,9 @@ TEST(Render, BallIsWhereTheCameraSeesIt) {
       // distance of the line of sight from the center
       const CameraFrame frame = cameraFrame(scene.camera.direction);
       const double focal = 0.5 * kSize / std::tan(0.5 * scene.camera.field_of_view);
-      const Vec3 sight = (frame.forward + (x + 0.5 - 0.5 * kSize) / focal * frame.right -
-                          (y + 0.5 - 0.5 * kSize) / focal * frame.up)
-                             .normalized();
+      const Vec3 sight =
+          (frame.forward + (x + 0.5 - 0.5 * kSize) / focal * frame.right - (y + 0.5 - 0.5 * kSize) / focal * frame.up)
+              .normalized();
       const double distance = (scene.focus - scene.camera.eye).cross(sight).norm();
       if (std::abs(distance - 0.1) < 0.003) continue;  // the edge
       inside += distance < 0.1 ? 1 : 0;
@@ -217,7 +218,8 @@ TEST(Png, HasSignatureSizeAndEnd) {
 
 TEST(Png, SheetPlacesPicturesInRows) {
   std::vector<Bitmap> parts;
-  for (int i = 0; i < 3; ++i) parts.push_back({2, 1, std::vector<unsigned char>(6, static_cast<unsigned char>(10 * i))});
+  for (int i = 0; i < 3; ++i)
+    parts.push_back({2, 1, std::vector<unsigned char>(6, static_cast<unsigned char>(10 * i))});
   const Bitmap all = sheet(parts, 2, 1);
   ASSERT_EQ(all.width, 5);
   ASSERT_EQ(all.height, 3);

@@ -98,5 +98,22 @@ TEST(Report, WithoutPlotsThereIsNoScript) {
   EXPECT_EQ(reportHtml(report).find("<script"), std::string::npos);
 }
 
+TEST(Report, CarriesPicturesInsideItself) {
+  Report report = smallReport();
+  EXPECT_EQ(reportHtml(report).find("<img"), std::string::npos);
+  const std::string text = "any carnal pleasure.";  // RFC 4648's alphabet, with each length of the rest
+  const std::vector<std::string> digits{"YW55IGNhcm5hbCBwbGVhc3VyZS4=", "YW55IGNhcm5hbCBwbGVhc3VyZQ==",
+                                        "YW55IGNhcm5hbCBwbGVhc3Vy"};
+  for (std::size_t cut = 0; cut < 3; ++cut) {
+    report.images.push_back({"a < b", "\"quoted\"", {text.begin(), text.end() - static_cast<std::ptrdiff_t>(cut)}});
+  }
+  report.images.push_back({"bits", "bits", {0xff, 0xef, 0xbe}});
+  const std::string page = reportHtml(report);
+  for (const std::string& d : digits) EXPECT_EQ(count(page, "src=\"data:image/png;base64," + d + "\">"), 1U) << d;
+  EXPECT_EQ(count(page, "base64,/+++\">"), 1U);
+  EXPECT_EQ(count(page, "<figcaption>a &lt; b</figcaption>"), 3U);
+  EXPECT_EQ(count(page, "alt=\"&quot;quoted&quot;\""), 3U);
+}
+
 }  // namespace
 }  // namespace palpate

@@ -42,6 +42,24 @@ void extremePoints(const std::vector<Contact>& all, const std::vector<int>& patc
   if (third != deepest && third != second) out.push_back(third);
 }
 
+// Position, gap and frame of a contact whose surface point is known.
+void linearize(Contact& c, const VecX& x_start, const VecX& x_end, const Obstacle& obstacle, bool at_end) {
+  const Vec3 start = interpolate(c.first.node, c.first.weight, x_start);
+  const Vec3 end = interpolate(c.first.node, c.first.weight, x_end);
+  const Proximity near_end = proximity(obstacle, end);
+  c.position = end;
+  c.end_gap = near_end.gap;
+  if (at_end) {
+    c.normal = near_end.normal;
+    c.gap = near_end.gap - near_end.normal.dot(end - start);
+  } else {
+    const Proximity near_start = proximity(obstacle, start);
+    c.normal = near_start.normal;
+    c.gap = near_start.gap;
+  }
+  setTangents(c);
+}
+
 }  // namespace
 
 void setTangents(Contact& contact) {
@@ -91,31 +109,26 @@ void ContactFinder::find(int body, const VecX& x_start, const VecX& x_end, const
     for (const Group& group : groups_) {
       if (!(clearance(group, x_end, obstacles[o]) < reach)) continue;
       for (int i = group.begin; i < group.end; ++i) {
-        const Vec3 end = interpolate(group.node, weight_[i], x_end);
-        const Proximity at_end = proximity(obstacles[o], end);
+        const Proximity at_end = proximity(obstacles[o], interpolate(group.node, weight_[i], x_end));
         if (!(at_end.gap < reach)) continue;
-        const Vec3 start = interpolate(group.node, weight_[i], x_start);
         Contact c;
         c.key = (static_cast<std::int64_t>(o) << 32) | static_cast<std::int64_t>(vertex_[i]);
         c.first = {body, group.node, weight_[i]};
         c.patch = group.tetrahedron;
         c.partner = o;
         c.friction = obstacles[o].friction.value_or(friction_);
-        c.position = end;
-        c.end_gap = at_end.gap;
-        if (linearize_at_end) {
-          c.normal = at_end.normal;
-          c.gap = at_end.gap - at_end.normal.dot(end - start);
-        } else {
-          const Proximity at_start = proximity(obstacles[o], start);
-          c.normal = at_start.normal;
-          c.gap = at_start.gap;
-        }
-        setTangents(c);
+        linearize(c, x_start, x_end, obstacles[o], linearize_at_end);
         out.push_back(c);
       }
     }
   }
+}
+
+Contact ContactFinder::follow(const Contact& earlier, const VecX& x_start, const VecX& x_end,
+                              const std::vector<Obstacle>& obstacles) const {
+  Contact c = earlier;
+  linearize(c, x_start, x_end, obstacles[static_cast<std::size_t>(c.partner)], false);
+  return c;
 }
 
 void ContactFinder::nearbyNodes(const VecX& x, const std::vector<Obstacle>& obstacles, double reach,
@@ -124,6 +137,11 @@ void ContactFinder::nearbyNodes(const VecX& x, const std::vector<Obstacle>& obst
   for (const Group& group : groups_) {
     for (const Obstacle& obstacle : obstacles) {
       if (!(clearance(group, x, obstacle) < reach)) continue;
+      bool near = false;
+      for (int i = group.begin; i < group.end && !near; ++i) {
+        near = proximity(obstacle, interpolate(group.node, weight_[i], x)).gap < reach;
+      }
+      if (!near) continue;
       for (const int n : group.node) {
         if (!seen[n]) nodes.push_back(n);
         seen[n] = 1;

@@ -59,7 +59,11 @@ class ContactFinder {
   void find(int body, const VecX& x_start, const VecX& x_end, const std::vector<Obstacle>& obstacles, double reach,
             bool linearize_at_end, std::vector<Contact>& out) const;
 
-  /// Tetrahedra whose surface may come within reach of an obstacle at x; appends their nodes, each at most once.
+  /// The same surface vertex against the same obstacle as in an earlier step, wherever it now is.
+  Contact follow(const Contact& earlier, const VecX& x_start, const VecX& x_end,
+                 const std::vector<Obstacle>& obstacles) const;
+
+  /// Tetrahedra with a surface vertex within reach of an obstacle at x; appends their nodes, each at most once.
   void nearbyNodes(const VecX& x, const std::vector<Obstacle>& obstacles, double reach, std::vector<int>& nodes) const;
 
   /// Mean edge length of the simulation mesh [m].

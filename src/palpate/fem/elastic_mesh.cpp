@@ -72,11 +72,17 @@ ElasticMesh::ElasticMesh(const SimulationMesh& mesh, const Material& material) :
 }
 
 void ElasticMesh::updateRotations(const VecX& x) {
+  if (ahead_x_.size() == x.size() && ahead_x_ == x) {
+    setRotations(ahead_);
+    return;
+  }
+  ahead_x_.resize(0);
   for (ElasticElement& e : elements_) e.rotation = polarRotation(e.deformationGradient(x), e.rotation);
 }
 
 void ElasticMesh::setRotations(const std::vector<Mat3>& rotations) {
   for (std::size_t i = 0; i < elements_.size(); ++i) elements_[i].rotation = rotations[i];
+  ahead_x_.resize(0);
 }
 
 void ElasticMesh::forces(const VecX& x, VecX& f) const {
@@ -96,12 +102,16 @@ double ElasticMesh::energy(const VecX& x) const {
   return sum;
 }
 
-double ElasticMesh::energyAt(const VecX& x) const {
+double ElasticMesh::energyAt(const VecX& x) {
   double sum = 0;
-  for (const ElasticElement& e : elements_) {
+  ahead_.resize(elements_.size());
+  for (std::size_t i = 0; i < elements_.size(); ++i) {
+    const ElasticElement& e = elements_[i];
     const Mat3 f = e.deformationGradient(x);
-    sum += elementEnergy(e, polarRotation(f, e.rotation), f);
+    ahead_[i] = polarRotation(f, e.rotation);
+    sum += elementEnergy(e, ahead_[i], f);
   }
+  ahead_x_ = x;
   return sum;
 }
 

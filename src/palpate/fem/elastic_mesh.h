@@ -64,8 +64,9 @@ class ElasticMesh {
   void forces(const VecX& x, VecX& f) const;
   /// Elastic energy at x with the present rotations [J]; its gradient is -forces once the rotations are those of x.
   double energy(const VecX& x) const;
-  /// Elastic energy at x with the rotations of x, which are not kept [J].
-  double energyAt(const VecX& x) const;
+  /// Elastic energy at x with the rotations of x [J]. Those in use stay; the new ones are kept for the case that the next
+  /// updateRotations() is for the same x, as it is when x is the end of a step.
+  double energyAt(const VecX& x);
 
   /// Prepares assemble(): the pattern of the nodes with row[node] >= 0, which must number 0..n-1.
   SymmetricBlockMatrix pattern(const std::vector<int>& row);
@@ -78,6 +79,8 @@ class ElasticMesh {
     std::uint8_t i, j;  // local nodes, in the order that the lower triangle needs
   };
   Material material_;
+  std::vector<Mat3> ahead_;  // rotations that energyAt() found
+  VecX ahead_x_;             // for these positions; empty: none
   VecX mass_;
   std::vector<ElasticElement> elements_;
   std::vector<std::array<PairSlot, 10>> slots_;      // an element

@@ -86,7 +86,7 @@ Studio::Studio(const std::vector<const SmoothMesh*>& casters, float radius, cons
   rim_direction_ = (0.45F * right + 0.8F * level + 0.5F * up).normalized();
   std::size_t triangles = 0;
   for (const SmoothMesh* mesh : casters) triangles += mesh->triangles.size();
-  const int skies = triangles > 30000 ? 40 : 72;
+  const int skies = triangles > 30000 ? 40 : 60;
   const Vec3f u = unitOrthogonal(key_direction_), v = key_direction_.cross(u);
   for (int i = 0; i < kKeyLamps; ++i) {
     const float r = kKeySpread * std::sqrt((static_cast<float>(i) + 0.5F) / kKeyLamps);

@@ -27,6 +27,7 @@ std::vector<unsigned char> encodePng(const Bitmap& bitmap) {
     const auto* begin = static_cast<const unsigned char*>(data);
     bytes.insert(bytes.end(), begin, begin + size);
   };
+  stbi_write_png_compression_level = 12;  // a little smaller than the default for little time
   if (stbi_write_png_to_func(append, &out, bitmap.width, bitmap.height, 3, bitmap.rgb.data(), 3 * bitmap.width) == 0) {
     throw std::runtime_error("a picture could not be encoded as PNG");
   }
@@ -46,8 +47,9 @@ Bitmap sheet(const std::vector<Bitmap>& pictures, int columns, int gap) {
     const int left = (i % across) * (width + gap), top = (i / across) * (height + gap);
     for (int y = 0; y < height; ++y) {
       const auto row = pictures[i].rgb.begin() + static_cast<std::ptrdiff_t>(3) * width * y;
-      std::copy(row, row + static_cast<std::ptrdiff_t>(3) * width,
-                out.rgb.begin() + static_cast<std::ptrdiff_t>(3) * (static_cast<std::ptrdiff_t>(top + y) * out.width + left));
+      std::copy(
+          row, row + static_cast<std::ptrdiff_t>(3) * width,
+          out.rgb.begin() + static_cast<std::ptrdiff_t>(3) * (static_cast<std::ptrdiff_t>(top + y) * out.width + left));
     }
   }
   return out;

@@ -15,11 +15,11 @@ namespace {
 
 using Vec3f = Eigen::Vector3f;
 
-constexpr int kSamples = 2;              // a side of a pixel
-constexpr int kPlaneTexels = 240;        // a side of a plane's light image
-constexpr float kPlaneReach = 2.2F;      // of that image, in radii of the scene
-constexpr float kShadowReach = 1.6F;     // of the lamps' depth images
-constexpr float kFinestEdge = 0.035F;    // mesh edges that light is computed at, in radii
+constexpr int kSamples = 2;            // a side of a pixel
+constexpr int kPlaneTexels = 220;      // a side of a plane's light image
+constexpr float kPlaneReach = 2.2F;    // of that image, in radii of the scene
+constexpr float kShadowReach = 1.6F;   // of the lamps' depth images
+constexpr float kFinestEdge = 0.035F;  // mesh edges that light is computed at, in radii
 constexpr std::size_t kRefineLimit = 30000;
 const Vec3f kBackground(0.905F, 0.914F, 0.926F);  // linear; about #f3f4f6 on the screen
 const Vec3f kGridTint(0.62F, 0.66F, 0.71F);
@@ -67,8 +67,8 @@ struct LitMesh {
 /// A plane with the light on its part near the focus.
 struct LitPlane {
   Vec3f point, normal, u, v, center;
-  float reach = 0;                   // half side of the image [m]
-  std::vector<Vec3f> shade;          // light with shadows over light without, kPlaneTexels squared
+  float reach = 0;           // half side of the image [m]
+  std::vector<Vec3f> shade;  // light with shadows over light without, kPlaneTexels squared
   // inverse depth = slope_x * x + slope_y * y + constant, sample coordinates
   float slope_x = 0, slope_y = 0, constant = 0;
 };
@@ -122,7 +122,8 @@ class Painter {
     center_y_ = 0.5F * static_cast<float>(rows_);
     near_ = 1e-3F * static_cast<float>(scene_.radius);
     samples_.resize(static_cast<std::size_t>(columns_) * rows_);
-    const bool any_on_top = std::any_of(scene_.meshes.begin(), scene_.meshes.end(), [](const auto& m) { return m.on_top; });
+    const bool any_on_top =
+        std::any_of(scene_.meshes.begin(), scene_.meshes.end(), [](const auto& m) { return m.on_top; });
     if (any_on_top) top_.resize(samples_.size());
   }
 
@@ -203,8 +204,7 @@ class Painter {
       for (int i = 0; i < kPlaneTexels; ++i) line[i] = first[i * along];
       const auto old = [&](int i) -> const Vec3f& { return line[std::clamp(i, 0, kPlaneTexels - 1)]; };
       for (int i = 0; i < kPlaneTexels; ++i) {
-        first[i * along] =
-            (6.0F * old(i) + 4.0F * (old(i - 1) + old(i + 1)) + old(i - 2) + old(i + 2)) / 16.0F;
+        first[i * along] = (6.0F * old(i) + 4.0F * (old(i - 1) + old(i + 1)) + old(i - 2) + old(i + 2)) / 16.0F;
       }
     }
   }
@@ -312,7 +312,8 @@ class Painter {
         }
         if (plane != ground_plane) {  // smooth within a pixel: once for all its samples
           ground_plane = plane;
-          ground = planeColor(plane, kSamples * (static_cast<float>(x) + 0.5F), kSamples * (static_cast<float>(y) + 0.5F));
+          ground =
+              planeColor(plane, kSamples * (static_cast<float>(x) + 0.5F), kSamples * (static_cast<float>(y) + 0.5F));
         }
         sum += ground;
       }

@@ -48,7 +48,9 @@ PictureMesh boxMesh(const Pose& pose, const Vec3& half_extents, const Color& col
   const double cell = half_extents.maxCoeff() / 5.0;
   for (int axis = 0; axis < 3; ++axis) {
     const int u = (axis + 1) % 3, v = (axis + 2) % 3;
-    const auto count = [&](int k) { return std::clamp(static_cast<int>(std::ceil(2.0 * half_extents[k] / cell)), 1, 10); };
+    const auto count = [&](int k) {
+      return std::clamp(static_cast<int>(std::ceil(2.0 * half_extents[k] / cell)), 1, 10);
+    };
     const int nu = count(u), nv = count(v);
     for (const int side : {-1, 1}) {
       const int first = static_cast<int>(mesh.vertices.size());

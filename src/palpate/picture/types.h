@@ -27,9 +27,9 @@ struct PicturePlane {
 };
 
 struct PictureCamera {
-  Vec3 eye{1, -2, 1};              ///< [m]
+  Vec3 eye{1, -2, 1};               ///< [m]
   Vec3 direction{-0.4, 0.8, -0.4};  ///< of sight, unit; not along z
-  double field_of_view = 0.5;      ///< vertical, from edge to edge [rad]
+  double field_of_view = 0.5;       ///< vertical, from edge to edge [rad]
 };
 
 struct PictureScene {

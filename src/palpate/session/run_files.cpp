@@ -250,6 +250,15 @@ struct RunFiles::Impl {
     writeWhole(folder.stage(name), {reinterpret_cast<const char*>(png.data()), png.size()});
   }
 
+  // Those of an earlier run with more pictures would look like this run's.
+  void removeOldPictures(const RunPictures& pictures) const {
+    std::error_code ignored;
+    for (std::size_t k = pictures.images.size() + 1; k <= kMostPictures; ++k) {
+      std::filesystem::remove(folder.path() / fmt::format("picture-{}.png", k), ignored);
+    }
+    if (pictures.sheet.empty()) std::filesystem::remove(folder.path() / "pictures.png", ignored);
+  }
+
   Plot comparisonPlot(const Comparison& other) const {
     Plot plot;
     plot.title = fmt::format("Size of the force: {} beside {}", toString(config.method), other.method);
@@ -335,6 +344,7 @@ void RunFiles::finish(const BuiltScene& scene, const RunOutcome& outcome, const 
   writeReport(i.folder.stage("report.html"), i.report(comparison, pictures));
   writeJson(i.folder.stage("summary.json"), i.summary(scene, outcome));
   i.folder.commit();
+  i.removeOldPictures(pictures);
 }
 
 std::string RunFiles::table() const {

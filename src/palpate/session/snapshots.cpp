@@ -17,13 +17,13 @@
 namespace palpate {
 namespace {
 
-constexpr int kHeight = 480;           // [px]
-constexpr double kFieldOfView = 0.45;  // [rad]
-constexpr double kMargin = 0.07;       // share of the picture
-constexpr double kFaintForce = 0.1;    // [N], below which no force has the longest arrow
-constexpr double kWeakForce = 0.02;    // [N], drawn as nothing
+constexpr int kHeight = 480;                              // [px]
+constexpr double kFieldOfView = 0.45;                     // [rad]
+constexpr double kMargin = 0.07;                          // share of the picture
+constexpr double kFaintForce = 0.1;                       // [N], below which no force has the longest arrow
+constexpr double kWeakForce = 0.02;                       // [N], drawn as nothing
 constexpr double kPenLength = 0.85, kArrowLength = 0.65;  // in radii of the scene
-constexpr double kGrip = 0.72;         // where on the pen the hand is
+constexpr double kGrip = 0.72;                            // where on the pen the hand is
 const Color kHandleColor(0.86F, 0.22F, 0.18F), kPenColor(0.20F, 0.22F, 0.25F), kForceColor(0.10F, 0.42F, 0.80F),
     kObstacleColor(0.74F, 0.73F, 0.70F);
 const std::array<Color, 4> kBodyColors{Color(0.56F, 0.74F, 0.47F), Color(0.89F, 0.70F, 0.42F),
@@ -40,9 +40,10 @@ float attachedShare(const Body& body, const EmbeddedPoint& point) {
   return static_cast<float>(std::clamp(share, 0.0, 1.0));
 }
 
-/// Half red at a share of 0.3: most of the surface lies outside of the attached nodes and would look hardly held.
+/// All red from a share of 0.45: the surface lies between attached nodes and free ones outside of it, and hardly any of
+/// it has a share of 1.
 float tint(float share) {
-  const float s = std::min(1.0F, share / 0.6F);
+  const float s = std::min(1.0F, share / 0.45F);
   return s * s * (3.0F - 2.0F * s);
 }
 
@@ -146,7 +147,8 @@ RunPictures Snapshots::draw() {
   common.grid = gridSpacing(2.0 * common.radius);
   common.meshes = obstacleMeshes();
   for (const Obstacle& obstacle : world_.obstacles) {
-    if (const auto* plane = std::get_if<PlaneShape>(&obstacle.shape)) common.planes.push_back({plane->point, plane->normal});
+    if (const auto* plane = std::get_if<PlaneShape>(&obstacle.shape))
+      common.planes.push_back({plane->point, plane->normal});
   }
   pen_length_ = kPenLength * common.radius;
   const double metres_per_newton = kArrowLength * common.radius / strongest;
@@ -154,7 +156,8 @@ RunPictures Snapshots::draw() {
     seen.push_back(grip(moment) + metres_per_newton * moment.force);
     seen.push_back(moment.device.position + pen_length_ * penAxis(moment));
   }
-  const double aspect = fitAspect(seen, lookingAlong(), kFieldOfView, 0.75, 1.6, kMargin);
+  // a little wider than the bodies need, for the shadow beside them
+  const double aspect = std::min(1.18 * fitAspect(seen, lookingAlong(), kFieldOfView, 0.7, 1.6, kMargin), 1.6);
   const int width = static_cast<int>(std::lround(kHeight * aspect));
   common.camera = fitCamera(seen, lookingAlong(), kFieldOfView, static_cast<double>(width) / kHeight, kMargin);
   std::vector<Bitmap> bitmaps;
@@ -167,9 +170,10 @@ RunPictures Snapshots::draw() {
     image.png = encodePng(bitmaps.back());
     out.images.push_back(std::move(image));
   }
-  out.sheet = encodePng(sheet(bitmaps, 3, 0));
+  out.sheet = encodePng(sheet(bitmaps, 3, 10));
   out.note = fmt::format(
-      "Red is what the hand holds, with the pen; the arrow is the force on the hand, the longest {:.2g} N. The grid's lines "
+      "Red is what the hand holds, with the pen; the arrow is the force on the hand, the longest {:.2g} N. The grid's "
+      "lines "
       "are {:.3g} mm apart.",
       strongest, 1e3 * common.grid);
   return out;

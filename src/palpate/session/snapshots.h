@@ -11,11 +11,13 @@
 
 namespace palpate {
 
+inline constexpr int kMostPictures = 60;  ///< of a run
+
 /// Pictures of a run, ready to be written.
 struct RunPictures {
-  std::vector<Image> images;               ///< in order of time
-  std::string note{};                      ///< what to see in them
-  std::vector<unsigned char> sheet{};      ///< PNG of all of them, three a row; empty without pictures
+  std::vector<Image> images;           ///< in order of time
+  std::string note{};                  ///< what to see in them
+  std::vector<unsigned char> sheet{};  ///< PNG of all of them, three a row; empty without pictures
 };
 
 /// Notes how the bodies of a run in lockstep stand at evenly spaced times, and draws them after it. Drawing afterwards
@@ -33,10 +35,10 @@ class Snapshots {
 
  private:
   struct Moment {
-    double time;             ///< [s]
-    std::vector<VecX> nodes; ///< positions, one a body [m]
+    double time;              ///< [s]
+    std::vector<VecX> nodes;  ///< positions, one a body [m]
     Pose device;
-    Vec3 force;              ///< on the hand [N]
+    Vec3 force;  ///< on the hand [N]
   };
 
   Vec3 lookingAlong() const;

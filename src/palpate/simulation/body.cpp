@@ -166,23 +166,26 @@ void Body::assembleHandle() {
   b_h_ = mass0_ * hd.twist + h * wrench;
 }
 
-bool Body::prepareContactNodes(const std::vector<int>& wanted) {
+bool Body::contactNodesFit(const std::vector<int>& needed) {
   int missing = 0;
-  int needed = 0;
-  for (const int n : wanted) {
+  int free = 0;
+  for (const int n : needed) {
     if (row_[n] < 0) continue;
-    ++needed;
+    ++free;
     if (trailing_[n] < 0) ++missing;
   }
   constexpr int kSlack = 12;     // nodes
   constexpr int kPatience = 20;  // steps
-  const bool surplus = static_cast<int>(contact_nodes_.size()) > 2 * needed + kSlack;
+  const bool surplus = static_cast<int>(contact_nodes_.size()) > 3 * free + kSlack;
   surplus_steps_ = surplus ? surplus_steps_ + 1 : 0;
-  if (analyzed_ && missing == 0 && surplus_steps_ < kPatience) return false;
+  return analyzed_ && missing == 0 && surplus_steps_ < kPatience;
+}
+
+void Body::orderContactNodes(const std::vector<int>& nodes) {
   surplus_steps_ = 0;
   contact_nodes_.clear();
   std::fill(trailing_.begin(), trailing_.end(), -1);
-  for (const int n : wanted) {
+  for (const int n : nodes) {
     if (row_[n] < 0 || trailing_[n] >= 0) continue;
     trailing_[n] = static_cast<int>(contact_nodes_.size());
     contact_nodes_.push_back(n);
@@ -193,7 +196,6 @@ bool Body::prepareContactNodes(const std::vector<int>& wanted) {
   factor_.analyze(a_, rows);
   analyzed_ = true;
   ++analyses_;
-  return true;
 }
 
 bool Body::factorize() { return factor_.factorize(a_); }
@@ -214,6 +216,36 @@ void Body::solveFree() {
   }
   v_end_ = v_free_;
   u_end_ = u_free_;
+}
+
+void Body::predict(const std::vector<Contact>& contacts, int self, const VecX& impulse) {
+  prediction_.setZero(3 * freeNodes(), 1);
+  Vec6 on_handle = Vec6::Zero();
+  for (std::size_t i = 0; i < contacts.size(); ++i) {
+    const Vec3 world = contacts[i].frame().transpose() * impulse.segment<3>(static_cast<Eigen::Index>(3 * i));
+    const auto addPoint = [&](const ContactPoint& point, double sign) {
+      if (point.body != self) return;
+      for (int k = 0; k < 4; ++k) {
+        const int node = point.node[k];
+        const Vec3 share = sign * point.weight[k] * world;
+        if (row_[node] >= 0) {
+          prediction_.block<3, 1>(3 * row_[node], 0) += share;
+        } else {
+          on_handle += handle_->jacobian(attached_[node]).transpose() * share;
+        }
+      }
+    };
+    addPoint(contacts[i].first, 1.0);
+    addPoint(contacts[i].second, -1.0);
+  }
+  factor_.solve(prediction_);
+  v_end_ = v_free_ + prediction_.col(0);
+  u_end_ = u_free_;
+  if (held()) {
+    const Vec6 du = s_inverse_ * (on_handle - a_th_.transpose() * prediction_.col(0));
+    u_end_ += du;
+    v_end_ -= x_th_ * du;
+  }
 }
 
 void Body::solveFreeAgain() {

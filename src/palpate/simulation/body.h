@@ -77,18 +77,22 @@ class Body {
   void setHandleState(const Pose& pose, const Vec6& twist);  ///< moves the attached nodes with it
   void clearVelocities();
   double kineticEnergy() const;  ///< [J]
-  double elasticEnergy() const { return fem_.energyAt(x_); }
+  double elasticEnergy() { return fem_.energyAt(x_); }
 
   // --- one step, in this order
   /// Rotations, forces, system; no factorization yet.
   void assemble(const StepInput& input);
-  /// Orders the given nodes last in the factor, so that contact on them is cheap. Re-analyzes only where the present
-  /// order does not hold them or holds far too many. @returns true if the symbolic analysis was renewed.
-  bool prepareContactNodes(const std::vector<int>& nodes);
+  /// Whether the factor's order still suits contact on these nodes: it has them last, and not for long far too many others.
+  bool contactNodesFit(const std::vector<int>& needed);
+  /// Orders the given nodes last in the factor, so that contact on them is cheap. A new symbolic analysis: rare.
+  void orderContactNodes(const std::vector<int>& nodes);
   /// Numeric factorization. @returns false if A_tt is not positive definite or not finite.
   bool factorize();
   /// Velocities without contact impulse, into freeVelocity() and endVelocity().
   void solveFree();
+  /// End velocities of the free motion under the given contact impulses [N s], rows as in contacts: a prediction before
+  /// contact is solved.
+  void predict(const std::vector<Contact>& contacts, int self, const VecX& impulse);
   /// The same after a new factorization of the same system (other nodes ordered last).
   void solveFreeAgain();
 
@@ -155,7 +159,7 @@ class Body {
   std::vector<int> contact_nodes_;  // nodes ordered last
   std::vector<int> trailing_;       // node -> index among the contact nodes, -1
   int surplus_steps_ = 0;           // steps in a row in which far too many nodes were ordered last
-  MatX a_th_, x_th_, rhs_, solution_;
+  MatX a_th_, x_th_, rhs_, solution_, prediction_;
   Mat6 gkg_ = Mat6::Zero(), a_hh_ = Mat6::Zero(), s_inverse_ = Mat6::Zero(), mass0_ = Mat6::Zero();
   Vec6 b_h_ = Vec6::Zero();
   VecX v_free_, v_end_, impulse_response_;

@@ -53,6 +53,7 @@ class ContactStage {
   void forget() {
     memory_.clear();
     kept_keys_.clear();
+    earlier_.clear();
   }
 
  private:
@@ -65,6 +66,9 @@ class ContactStage {
             double reach, bool linearize_at_end);
   bool prepareNodes(const std::vector<Body*>& bodies, const std::vector<int>& indices);
   void solveOnce(const std::vector<Body*>& bodies, const std::vector<int>& indices, const ContactSettings& settings);
+  void predict(const std::vector<Body*>& bodies, const std::vector<int>& indices);
+  void followEarlier(const std::vector<Body*>& bodies, const std::vector<int>& indices,
+                     const std::vector<Obstacle>& obstacles);
   bool addViolated(const ContactSettings& settings);
   void remember(double h);
 
@@ -73,6 +77,8 @@ class ContactStage {
   std::vector<Contact> candidates_;
   std::vector<Memory> memory_;  // sorted by key
   std::vector<std::int64_t> kept_keys_;
+  std::vector<Contact> earlier_;          // those that carried force in the step before
+  VecX earlier_force_, earlier_impulse_;  // theirs, in their frames [N], [N s]
   std::vector<VecX> x_end_;
   VecX bias_, friction_;
 };

@@ -34,6 +34,19 @@ int World::add(Body body) {
   return index;
 }
 
+// Orders last what contact may touch: nodes near obstacles where the present velocities lead. When some are missing, those
+// a little farther away come too, so that the order then lasts.
+void World::orderContactNodes(Body& body, double h) const {
+  const double edge = body.contactFinder().edgeLength();
+  const VecX x = body.positions() + h * body.velocities();
+  std::vector<int> nodes;
+  body.contactFinder().nearbyNodes(x, obstacles, 0.05 * edge, nodes);
+  if (body.contactNodesFit(nodes)) return;
+  nodes.clear();
+  body.contactFinder().nearbyNodes(x, obstacles, 0.3 * edge, nodes);
+  body.orderContactNodes(nodes);
+}
+
 // The paper's step 1 for one body: form A and b, factorize, move freely, then contact. Its steps 2 to 6 are
 // linearize().
 bool World::stepBody(int i, const StepInput& input, StepReport& report) {
@@ -41,11 +54,7 @@ bool World::stepBody(int i, const StepInput& input, StepReport& report) {
   Stopwatch watch;
   body.assemble(input);
   report.times.assemble += watch.lap();
-  // nodes that contact may touch in this step: what is near where the present velocities lead
-  std::vector<int> near;
-  const double reach = 0.75 * body.contactFinder().edgeLength();
-  body.contactFinder().nearbyNodes(body.positions() + input.step * body.velocities(), obstacles, reach, near);
-  body.prepareContactNodes(near);
+  orderContactNodes(body, input.step);
   if (!body.factorize()) return false;
   report.times.factorize += watch.lap();
   body.solveFree();
@@ -69,7 +78,6 @@ bool World::stepBody(int i, const StepInput& input, StepReport& report) {
 StepReport World::stepAll(const DeviceTarget& device, double h, bool advance) {
   StepReport report;
   const StepInput input{h, gravity, link, device};
-  saved_.resize(bodies_.size());
   for (int i = 0; i < bodies(); ++i) {
     const bool good = stepBody(i, input, report);
     Stopwatch watch;

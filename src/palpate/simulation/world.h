@@ -71,12 +71,12 @@ class World {
   const ContactSet& toolContacts() const { return contacts(tool_); }
 
  private:
+  void orderContactNodes(Body& body, double h) const;
   bool stepBody(int i, const StepInput& input, StepReport& report);
   StepReport stepAll(const DeviceTarget& device, double h, bool advance);
 
   std::vector<std::unique_ptr<Body>> bodies_;
   std::vector<std::unique_ptr<ContactStage>> stages_;
-  std::vector<Body::State> saved_;
   int tool_ = -1;
 };
 
