@@ -39,21 +39,25 @@ void printErrors(const char* name, const BlockErrors& e) {
 }
 
 void check(const CheckOptions& options) {
-  if (!std::isfinite(options.at) || options.at < 0) throw InputError("--at", "", "must be a finite time of at least 0 s");
+  if (!std::isfinite(options.at) || options.at < 0)
+    throw InputError("--at", "", "must be a finite time of at least 0 s");
   SceneConfig config = options.scene.read();
   if (options.at > config.duration) {
-    throw InputError("--at", "", fmt::format("{} s is after the end of the scene at {} s", options.at, config.duration));
+    throw InputError("--at", "",
+                     fmt::format("{} s is after the end of the scene at {} s", options.at, config.duration));
   }
   if (!options.scene.overrides.method) config.method = MethodName::hsl_exact;
-  if (config.method == MethodName::vc) throw InputError("--method", "", "vc has no linearization; give hsl or hsl-exact");
+  if (config.method == MethodName::vc)
+    throw InputError("--method", "", "vc has no linearization; give hsl or hsl-exact");
   OutputFolder folder(options.out.empty() ? "out/check-" + config.name : options.out);
   BuiltScene scene = buildScene(config);
   const DeviceTarget target = runUntil(scene, timingOf(config), options.at);
   const LinearizationCheck c = checkLinearization(scene.world, target, config.visual_step, scene.linearization);
   fmt::print("{} at {} s, {}, {} derivative: {} contacts carry force, {} stick, {} slide\n", config.name, options.at,
              toString(config.method), toString(config.derivative), c.active, c.sticking, c.sliding);
-  fmt::print("  relative error against      force by     force by   torque by   torque by\n"
-             "  central differences of    translation    rotation translation    rotation\n");
+  fmt::print(
+      "  relative error against      force by     force by   torque by   torque by\n"
+      "  central differences of    translation    rotation translation    rotation\n");
   printErrors("Kx, frozen step", c.kx_frozen);
   printErrors("Kv, frozen step", c.kv_frozen);
   printErrors("Kx, full step", c.kx_full);

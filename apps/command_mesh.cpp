@@ -11,9 +11,14 @@ namespace {
 void addEmbed(CLI::App& group) {
   const auto options = std::make_shared<EmbedCommand>();
   CLI::App* command = group.add_subcommand("embed", "Make the simulation mesh of a surface, and say how good it is");
-  command->add_option("surface", options->surface, "Triangle surface: OBJ, STL, PLY or OFF")->required()->type_name("SURFACE");
-  command->add_option("--tets", options->tetrahedra, "Wanted number of tetrahedra")->type_name("N")->capture_default_str();
-  command->add_option("--size", options->size, "Longest side of the bounding box, m; default: lengths as in the file")->type_name("S");
+  command->add_option("surface", options->surface, "Triangle surface: OBJ, STL, PLY or OFF")
+      ->required()
+      ->type_name("SURFACE");
+  command->add_option("--tets", options->tetrahedra, "Wanted number of tetrahedra")
+      ->type_name("N")
+      ->capture_default_str();
+  command->add_option("--size", options->size, "Longest side of the bounding box, m; default: lengths as in the file")
+      ->type_name("S");
   command->add_option("--out", options->out, "Write the simulation mesh (.vtk)")->type_name("FILE");
   command->callback([options] { fmt::print("{}", formatReport(runMeshEmbed(*options))); });
 }
@@ -29,7 +34,9 @@ void addMake(CLI::App& group) {
   const auto options = std::make_shared<MakeCommand>();
   CLI::App* command = group.add_subcommand("make", "Make a procedural shape");
   command->add_option("shape", options->shape, "alien, bar, box, sphere or capsule")->required()->type_name("SHAPE");
-  command->add_option("--out", options->out, "File to write: .obj, .stl, .ply, .off; a bar also .vtk")->required()->type_name("FILE");
+  command->add_option("--out", options->out, "File to write: .obj, .stl, .ply, .off; a bar also .vtk")
+      ->required()
+      ->type_name("FILE");
   command->add_option("--size", options->size, "Height, length or diameter, m")->type_name("S");
   command->add_option("--cells", options->cells, "Cells of a bar along x, y, z")->type_name("NX NY NZ");
   command->callback([options] { fmt::print("{}", formatReport(runMeshMake(*options))); });

@@ -62,16 +62,18 @@ void run(const RunOptions& options) {
   if (!options.realtime) sink = snapshots.watch(sink);
   RunOutcome outcome;
   {
-    Progress progress(fmt::format("{}: {} s {}", config.name, config.duration, options.realtime ? "in real time" : "in lockstep"));
+    Progress progress(
+        fmt::format("{}: {} s {}", config.name, config.duration, options.realtime ? "in real time" : "in lockstep"));
     sink.progress = [&](double share) { progress(share); };
-    outcome = options.realtime ? runRealtime(scene, timingOf(config), sink) : runLockstep(scene, timingOf(config), sink);
+    outcome =
+        options.realtime ? runRealtime(scene, timingOf(config), sink) : runLockstep(scene, timingOf(config), sink);
   }
   Comparison comparison;
   if (!options.compare.empty()) comparison = compareAlong(config, options.compare, motion);
   files.finish(scene, outcome, options.compare.empty() ? nullptr : &comparison, snapshots.draw());
   const std::string out = options.out.empty() ? "out/" + config.name : options.out;
-  fmt::print("{}, method {}, held by {}\n{}report: {}/report.html\n", config.name, toString(config.method), config.tool.handle,
-             files.table(), out);
+  fmt::print("{}, method {}, held by {}\n{}report: {}/report.html\n", config.name, toString(config.method),
+             config.tool.handle, files.table(), out);
   if (!outcome.realtime_note.empty()) fmt::print("real-time priority: {}\n", outcome.realtime_note);
 }
 
@@ -82,9 +84,12 @@ void addRunCommand(CLI::App& app) {
   CLI::App* command = app.add_subcommand("run", "Run a scene and record it: files of numbers and a report to read");
   options->scene.addScene(*command);
   options->scene.addOverrides(*command);
-  command->add_flag("--realtime", options->realtime, "Two threads against the clock; otherwise lockstep in virtual time");
-  command->add_option("--compare", options->compare, "Method to run along the same motion and show beside")->type_name("NAME");
-  command->add_option("--pictures", options->pictures, "Pictures of the run in lockstep, evenly spaced in time; 0: none")
+  command->add_flag("--realtime", options->realtime,
+                    "Two threads against the clock; otherwise lockstep in virtual time");
+  command->add_option("--compare", options->compare, "Method to run along the same motion and show beside")
+      ->type_name("NAME");
+  command
+      ->add_option("--pictures", options->pictures, "Pictures of the run in lockstep, evenly spaced in time; 0: none")
       ->check(CLI::Range(0, kMostPictures))
       ->capture_default_str();
   command->add_option("--out", options->out, "Folder for the files; default out/NAME of the scene")->type_name("DIR");

@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <cstdio>
 #include <exception>
 #include <new>
@@ -34,6 +35,12 @@ int main(int argc, char** argv) {
   palpate::addMeshCommand(app);
   palpate::addValidateCommand(app);
   palpate::addDevicesCommand(app);
+  // CLI11 would only say that a subcommand is required
+  const auto known = app.get_subcommands([](const CLI::App*) { return true; });
+  if (argc > 1 && argv[1][0] != '-' &&
+      std::none_of(known.begin(), known.end(), [&](const CLI::App* c) { return c->get_name() == argv[1]; })) {
+    return fail(std::string("there is no subcommand '") + argv[1] + "'; see palpate --help", kBadInput);
+  }
   try {
     app.parse(argc, argv);
     return 0;

@@ -13,20 +13,26 @@ struct SceneOptions {
   std::string scene;
   Overrides overrides;
 
-  void addScene(CLI::App& command) { command.add_option("scene", scene, "Scene file (YAML)")->required()->type_name("SCENE"); }
+  void addScene(CLI::App& command) {
+    command.add_option("scene", scene, "Scene file (YAML)")->required()->type_name("SCENE");
+  }
 
   void addOverrides(CLI::App& command) {
     command.add_option("--method", overrides.method, "hsl, hsl-exact or vc")->type_name("NAME");
-    command.add_option("--aim", overrides.aim, "What the visual handle aims at: sample or predicted")->type_name("NAME");
-    command.add_option("--derivative", overrides.derivative, "Derivative in the handle model: frozen or full")->type_name("NAME");
+    command.add_option("--aim", overrides.aim, "What the visual handle aims at: sample or predicted")
+        ->type_name("NAME");
+    command.add_option("--derivative", overrides.derivative, "Derivative in the handle model: frozen or full")
+        ->type_name("NAME");
     command.add_option("--cone", overrides.cone, "Friction cone: polyhedral or exact")->type_name("NAME");
     command.add_option("--handle", overrides.handle, "Which of the tool's handles is held")->type_name("NAME");
     command.add_option("--device", overrides.device, "simulated, prescribed or recorded:FILE")->type_name("NAME");
     command.add_option("--duration", overrides.duration, "Length of the run, s")->type_name("S");
     command.add_option("--visual-dt", overrides.visual_dt, "Length of a visual step, s")->type_name("S");
-    command.add_option("--latency", overrides.latency, "Visual steps until a step's result reaches the haptic loop")->type_name("N");
+    command.add_option("--latency", overrides.latency, "Visual steps until a step's result reaches the haptic loop")
+        ->type_name("N");
     command.add_option("--seed", overrides.seed, "Seed of everything random")->type_name("N");
-    command.add_option("--tetrahedra", overrides.tetrahedra, "Wanted size of the tool's simulation mesh")->type_name("N");
+    command.add_option("--tetrahedra", overrides.tetrahedra, "Wanted size of the tool's simulation mesh")
+        ->type_name("N");
   }
 
   SceneConfig read() const {

@@ -34,7 +34,8 @@ SceneConfig configOf(const Case& c) {
   return config;
 }
 
-// One iteration is one visual step of the scene's motion in which contacts carry force; the scene starts over at its end.
+// One iteration is one visual step of the scene's motion in which contacts carry force; the scene starts over at its
+// end.
 void visualStepInContact(benchmark::State& state, const Case& c) {
   const SceneConfig config = configOf(c);
   const RunTiming timing = timingOf(config);
@@ -51,8 +52,8 @@ void visualStepInContact(benchmark::State& state, const Case& c) {
         for (int i = 0; i < scene.world.bodies(); ++i) scene.world.body(i).restore(start[static_cast<std::size_t>(i)]);
         t = 0;
       }
-      record = visualStep(scene.world, aimAt(scene.device->sample(t), timing), scene.linearization, timing.visual_step, t,
-                          first);
+      record = visualStep(scene.world, aimAt(scene.device->sample(t), timing), scene.linearization, timing.visual_step,
+                          t, first);
       t += timing.visual_step;
     } while (t < c.from || record.step.active == 0);
     const double seconds = record.step.times.total() + record.linearization_s;
@@ -77,10 +78,10 @@ void visualStepInContact(benchmark::State& state, const Case& c) {
 }
 
 const std::vector<std::pair<std::string, Case>> kCases{
-    {"block_288", {"block", 0, false, 0.6}},          {"block_2592", {"block-2592", 0, false, 0.6}},
-    {"block_10140", {"block-10140", 0, false, 0.6}},  {"alien", {"alien", 0, false, 0.5}},
-    {"alien_lying", {"alien-lying", 0, false, 0.5}},  {"alien_lying_exact", {"alien-lying", 0, true, 0.5}},
-    {"bunny_300", {"bunny", 0, false, 0.5}},          {"bunny_3000", {"bunny", 3000, false, 0.5}},
+    {"block_288", {"block", 0, false, 0.6}},         {"block_2592", {"block-2592", 0, false, 0.6}},
+    {"block_10140", {"block-10140", 0, false, 0.6}}, {"alien", {"alien", 0, false, 0.5}},
+    {"alien_lying", {"alien-lying", 0, false, 0.5}}, {"alien_lying_exact", {"alien-lying", 0, true, 0.5}},
+    {"bunny_300", {"bunny", 0, false, 0.5}},         {"bunny_3000", {"bunny", 3000, false, 0.5}},
 };
 
 const bool kRegistered = [] {

@@ -143,13 +143,13 @@ def bad_option_out_not_writable(context):
 
 
 def surface(name, content):
-    return lambda c: (["mesh", "embed", c.file(name, content), "--tets", "100", "--out", c.out / "tool.msh"], [name])
+    return lambda c: (["mesh", "embed", c.file(name, content), "--tets", "100", "--out", c.out / "tool.vtk"], [name])
 
 
 BINARY_STL_THAT_PROMISES_TOO_MUCH = b"\0" * 80 + (0xFFFFFFFF).to_bytes(4, "little") + b"\0" * 50
 
 rejected_variants("bad-mesh", {
-    "missing": lambda c: (["mesh", "embed", "nowhere.obj", "--tets", "100", "--out", c.out / "tool.msh"], ["nowhere.obj"]),
+    "missing": lambda c: (["mesh", "embed", "nowhere.obj", "--tets", "100", "--out", c.out / "tool.vtk"], ["nowhere.obj"]),
     "unknown-format": surface("shape.xyz", "1 2 3\n"),
     "empty": surface("empty.obj", ""),
     "without-faces": surface("points.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\n"),
@@ -162,10 +162,10 @@ rejected_variants("bad-mesh", {
     "truncated-ply": surface("cut.ply", "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\n"),
     "truncated-off": surface("cut.off", "OFF\n4 4 6\n0 0 0\n"),
     "truncated-stl": surface("cut.stl", BINARY_STL_THAT_PROMISES_TOO_MUCH),
-    "tets-zero": lambda c: (["mesh", "embed", c.file("t.obj", TETRAHEDRON), "--tets", "0", "--out", c.out / "t.msh"],
+    "tets-zero": lambda c: (["mesh", "embed", c.file("t.obj", TETRAHEDRON), "--tets", "0", "--out", c.out / "t.vtk"],
                             ["--tets"]),
     "tets-negative": lambda c: (["mesh", "embed", c.file("t.obj", TETRAHEDRON), "--tets", "-5", "--out",
-                                 c.out / "t.msh"], ["--tets"]),
+                                 c.out / "t.vtk"], ["--tets"]),
 })
 
 

@@ -68,6 +68,14 @@ TEST(Camera, SeesAllPointsAndTouchesTheMargin) {
   }
 }
 
+TEST(Camera, AspectIsTheNarrowestThatCostsNoDistance) {
+  // seen along y: 0.3 wide, 0.2 high, all at one depth
+  const std::vector<Vec3> points{{-0.1, 0, 0}, {0.2, 0, 0.1}, {0.05, 0, 0.2}};
+  EXPECT_NEAR(fitAspect(points, {0, 1, 0}, 0.5, 0.5, 2.0, 0.1), 1.5, 1e-5);
+  EXPECT_NEAR(fitAspect(points, {0, 1, 0}, 0.5, 0.5, 1.2, 0.1), 1.2, 1e-5);
+  EXPECT_NEAR(fitAspect(points, {0, 1, 0}, 0.5, 1.7, 2.0, 0.1), 1.7, 1e-5);
+}
+
 TEST(Camera, GridSpacingIsARoundNumber) {
   EXPECT_DOUBLE_EQ(gridSpacing(0.2), 0.02);
   EXPECT_DOUBLE_EQ(gridSpacing(0.3), 0.05);
@@ -179,14 +187,15 @@ TEST(Render, GroundHidesWhatIsBelowIt) {
 
 TEST(Render, FloorThatPassesBehindTheCameraIsClipped) {
   PictureScene scene;
-  PictureMesh floor;
-  floor.colors = {kBlue};
-  floor.vertices = {{-50, -50, 0}, {50, -50, 0}, {0, 50, 0}};
-  floor.triangles = {{0, 1, 2}};
+  // many small triangles far below keep the large one from being divided
+  PictureMesh floor = capsuleMesh({0, 0, -9}, {0, 0, -9}, 0.01, kBlue);
+  const int n = static_cast<int>(floor.vertices.size());
+  floor.vertices.insert(floor.vertices.end(), {{-50, -50, 0}, {50, -50, 0}, {0, 50, 0}});
+  floor.triangles.push_back({n, n + 1, n + 2});
   scene.meshes = {floor};
   scene.camera.eye = {0, 0, 1};
   scene.camera.direction = Vec3(0, 1, -0.1).normalized();
-  scene.radius = 1;
+  scene.radius = 10;
   const Bitmap image = render(scene, 60, 60);
   EXPECT_TRUE(isBlue(at(image, 30, 50)));
   EXPECT_TRUE(isBlue(at(image, 30, 59)));

@@ -102,8 +102,8 @@ TEST(Report, CarriesPicturesInsideItself) {
   Report report = smallReport();
   EXPECT_EQ(reportHtml(report).find("<img"), std::string::npos);
   const std::string text = "any carnal pleasure.";  // RFC 4648's alphabet, with each length of the rest
-  const std::vector<std::string> digits{"YW55IGNhcm5hbCBwbGVhc3VyZS4=", "YW55IGNhcm5hbCBwbGVhc3VyZQ==",
-                                        "YW55IGNhcm5hbCBwbGVhc3Vy"};
+  const std::vector<std::string> digits{
+      "YW55IGNhcm5hbCBwbGVhc3VyZS4=", "YW55IGNhcm5hbCBwbGVhc3VyZQ==", "YW55IGNhcm5hbCBwbGVhc3Vy"};
   for (std::size_t cut = 0; cut < 3; ++cut) {
     report.images.push_back({"a < b", "\"quoted\"", {text.begin(), text.end() - static_cast<std::ptrdiff_t>(cut)}});
   }

@@ -9,8 +9,8 @@
 #include <sstream>
 
 #include "palpate/common/error.h"
-#include "palpate/session/builder.h"
 #include "palpate/scene/reader.h"
+#include "palpate/session/builder.h"
 #include "palpate/session/lockstep.h"
 
 namespace palpate {

@@ -64,8 +64,8 @@ class ElasticMesh {
   void forces(const VecX& x, VecX& f) const;
   /// Elastic energy at x with the present rotations [J]; its gradient is -forces once the rotations are those of x.
   double energy(const VecX& x) const;
-  /// Elastic energy at x with the rotations of x [J]. Those in use stay; the new ones are kept for the case that the next
-  /// updateRotations() is for the same x, as it is when x is the end of a step.
+  /// Elastic energy at x with the rotations of x [J]. Those in use stay; the new ones are kept for the case that the
+  /// next updateRotations() is for the same x, as it is when x is the end of a step.
   double energyAt(const VecX& x);
 
   /// Prepares assemble(): the pattern of the nodes with row[node] >= 0, which must number 0..n-1.

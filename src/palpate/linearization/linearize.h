@@ -15,7 +15,7 @@ enum class DelassusModel {
 enum class Derivative {
   frozen,  ///< stiffness, element rotations, and G and M_h inside A held; the lever arms of the explicit forces turn
   full,    ///< everything live but the contact frames: also element rotations of tetrahedra that touch attached nodes,
-         ///< G(R) and R I R^T inside A, the link's Jacobian, the lever arms of contact on the handle
+           ///< G(R) and R I R^T inside A, the link's Jacobian, the lever arms of contact on the handle
 };
 
 struct LinearizationSettings {

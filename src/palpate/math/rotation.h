@@ -21,9 +21,9 @@ inline Quat expRotation(const Vec3& theta) {
   return Quat(std::cos(half), s * theta.x(), s * theta.y(), s * theta.z()).normalized();
 }
 
-/// Rotation vector [rad] of a unit quaternion, |result| <= pi. Policy near pi: the shorter way round; at exactly pi, where
-/// both are as long, the axis is the quaternion's own vector part, so a path through pi jumps once and never oscillates
-/// between evaluations of one state.
+/// Rotation vector [rad] of a unit quaternion, |result| <= pi. Policy near pi: the shorter way round; at exactly pi,
+/// where both are as long, the axis is the quaternion's own vector part, so a path through pi jumps once and never
+/// oscillates between evaluations of one state.
 inline Vec3 logRotation(const Quat& q) {
   const Vec3 v = q.w() < 0 ? Vec3(-q.vec()) : Vec3(q.vec());
   const double w = std::abs(q.w());
@@ -45,12 +45,13 @@ inline Mat3 leftJacobian(const Vec3& theta) {
   return Mat3::Identity() + a * s + b * s * s;
 }
 
-/// Inverse of the left Jacobian of SO(3) at theta: log(exp(d) exp(theta)) = theta + J^-1 d + O(d^2), for |theta| < 2 pi.
+/// Inverse of the left Jacobian of SO(3) at theta: log(exp(d) exp(theta)) = theta + J^-1 d + O(d^2), for |theta| < 2
+/// pi.
 inline Mat3 leftJacobianInverse(const Vec3& theta) {
   const double angle2 = theta.squaredNorm();
   const double angle = std::sqrt(angle2);
-  const double c =
-      angle < 1e-3 ? 1.0 / 12.0 + angle2 / 720.0 : 1.0 / angle2 - (1.0 + std::cos(angle)) / (2.0 * angle * std::sin(angle));
+  const double c = angle < 1e-3 ? 1.0 / 12.0 + angle2 / 720.0
+                                : 1.0 / angle2 - (1.0 + std::cos(angle)) / (2.0 * angle * std::sin(angle));
   const Mat3 s = skew(theta);
   return Mat3::Identity() - 0.5 * s + c * s * s;
 }

@@ -44,10 +44,10 @@ double fitAspect(const std::vector<Vec3>& points, const Vec3& direction, double 
     const PictureCamera camera = fitCamera(points, direction, field_of_view, aspect, margin);
     return camera.eye.dot(camera.direction);
   };
-  constexpr double kNone = 1e9;  // so wide that height alone counts
-  const double wanted = place(kNone);
+  constexpr double kNone = 1e3;  // so wide that height alone counts
   double low = narrowest, high = widest;
-  if (place(low) >= wanted) return low;
+  const double full = place(kNone), wanted = full - 1e-6 * std::abs(full - place(low));  // rounding counts for nothing
+  if (points.empty() || place(low) >= wanted) return low;
   for (int i = 0; i < 30; ++i) {
     const double middle = 0.5 * (low + high);
     (place(middle) < wanted ? low : high) = middle;

@@ -115,8 +115,8 @@ std::string base64(const std::vector<unsigned char>& bytes) {
   out.reserve((bytes.size() + 2) / 3 * 4);
   for (std::size_t i = 0; i < bytes.size(); i += 3) {
     const std::size_t left = bytes.size() - i;
-    const unsigned group =
-        bytes[i] * 65536U + (left > 1 ? bytes[i + 1] * 256U : 0U) + (left > 2 ? static_cast<unsigned>(bytes[i + 2]) : 0U);
+    const unsigned group = bytes[i] * 65536U + (left > 1 ? bytes[i + 1] * 256U : 0U) +
+                           (left > 2 ? static_cast<unsigned>(bytes[i + 2]) : 0U);
     out += kDigits[group >> 18U];
     out += kDigits[(group >> 12U) & 63U];
     out += left > 1 ? kDigits[(group >> 6U) & 63U] : '=';
@@ -128,8 +128,9 @@ std::string base64(const std::vector<unsigned char>& bytes) {
 void appendImages(std::string& html, const Report& report) {
   html += "<section class=\"card images\" aria-label=\"Pictures\">\n<div class=\"strip\">\n";
   for (const Image& image : report.images) {
-    html += fmt::format("<figure><img alt=\"{}\" src=\"data:image/png;base64,{}\"><figcaption>{}</figcaption></figure>\n",
-                        escapeHtml(image.alt), base64(image.png), escapeHtml(image.title));
+    html +=
+        fmt::format("<figure><img alt=\"{}\" src=\"data:image/png;base64,{}\"><figcaption>{}</figcaption></figure>\n",
+                    escapeHtml(image.alt), base64(image.png), escapeHtml(image.title));
   }
   html += "</div>\n";
   if (!report.images_note.empty()) html += fmt::format("<p class=\"note\">{}</p>\n", escapeHtml(report.images_note));
@@ -188,7 +189,7 @@ void appendHead(std::string& html, const Report& report) {
       "<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n"
       "<meta name=\"color-scheme\" content=\"light dark\">\n<title>{}</title>\n<style>\n",
       escapeHtml(report.title));
-  html += assets::dygraphCss();
+  html += withoutSourceMap(assets::dygraphCss());
   html += assets::reportCss();
   html += "</style>\n</head>\n<body>\n<main>\n";
 }
@@ -197,10 +198,23 @@ void appendScripts(std::string& html) {
   html += "<!-- The plots are drawn by Dygraphs:\n";
   html += assets::dygraphLicense();
   html += "-->\n<script>\n";
-  html += assets::dygraphJs();
+  html += withoutSourceMap(assets::dygraphJs());
   html += "</script>\n<script>\n";
   html += assets::reportJs();
   html += "</script>\n";
+}
+
+// A packaged library ends by naming a file that browsers' tools would look for; the page must not look for anything.
+std::string withoutSourceMap(std::string_view source) {
+  constexpr std::string_view mark = "# sourceMappingURL=";
+  std::string out(source);
+  for (std::size_t at = out.find(mark); at != std::string::npos && at >= 2; at = out.find(mark)) {
+    const bool block = out.compare(at - 2, 2, "/*") == 0;
+    std::size_t end = block ? out.find("*/", at) : out.find('\n', at);
+    end = end == std::string::npos ? out.size() : end + (block ? 2 : 0);
+    out.erase(at - 2, end - (at - 2));
+  }
+  return out;
 }
 
 }  // namespace

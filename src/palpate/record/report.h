@@ -52,8 +52,8 @@ struct Report {
   std::vector<Table> tables;
   std::vector<Plot> plots;
   std::string footer{};
-  std::vector<Image> images{};    ///< side by side above the plots
-  std::string images_note{};      ///< a sentence below them
+  std::vector<Image> images{};  ///< side by side above the plots
+  std::string images_note{};    ///< a sentence below them
 };
 
 /// Rows of a plot that are kept; longer ones are thinned so that minima and maxima stay (see decimate.h).

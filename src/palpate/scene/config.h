@@ -44,8 +44,8 @@ struct FileReference {
   std::filesystem::path path;  ///< where it was found; empty until resolveFiles() has run
 };
 
-// Shapes. Rest coordinates: a procedural shape stands on the origin, i.e. it is centred in x and y and its lowest point
-// is at z = 0. So does a surface that `size` scales; files are otherwise taken as they are.
+// Shapes. Rest coordinates: a procedural shape stands on the origin, i.e. it is centered in x and y and its lowest
+// point is at z = 0. So does a surface that `size` scales; files are otherwise taken as they are.
 
 /// The procedural alien toy. It looks along +y, its right hand is at +x; the origin is between its feet.
 struct AlienShapeConfig {
@@ -56,7 +56,7 @@ struct AlienShapeConfig {
 struct SurfaceShapeConfig {
   FileReference file;
   std::optional<double>
-      size;  ///< longest side of the scaled surface's bounding box [m]; absent: file's units are metres
+      size;  ///< longest side of the scaled surface's bounding box [m]; absent: file's units are meters
   AxisName up = AxisName::z;  ///< the file's axis that becomes z; y: (x, y, z) -> (x, -z, y), x: (x, y, z) -> (y, z, x)
 };
 /// Box filled with a regular grid, six tetrahedra a cell; nodes lie on its surface.
@@ -178,7 +178,7 @@ struct PlaneObstacleConfig {
   Vec3 normal = Vec3::UnitZ();  ///< unit length, out of the solid
 };
 struct BoxObstacleConfig {
-  Pose pose;                         ///< of its centre
+  Pose pose;                         ///< of its center
   Vec3 half_extents = Vec3::Zero();  ///< [m]
 };
 struct SphereObstacleConfig {

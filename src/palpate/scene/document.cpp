@@ -115,7 +115,8 @@ class TreeBuilder : public YAML::EventHandler {
     const auto& entries = level.node->entries;
     if (entries.size() >= max_keys) fail(key.line, "more than " + std::to_string(max_keys) + " keys in one map");
     const auto same = [&](const auto& entry) { return entry.key == key.scalar; };
-    if (std::any_of(entries.begin(), entries.end(), same)) fail(key.line, "a key is given twice");
+    if (std::any_of(entries.begin(), entries.end(), same))
+      fail(key.line, "the key '" + printable(key.scalar) + "' is given twice");
     level.key = key.scalar;
     level.key_line = key.line;
     level.has_key = true;

@@ -219,7 +219,9 @@ SimulationMesh buildMesh(const BodyConfig& config, EmbedReport* report) {
       config.shape);
 }
 
-BuiltScene buildScene(const SceneConfig& config) {
+namespace {
+
+BuiltScene buildChecked(const SceneConfig& config) {
   BuiltScene out;
   World& world = out.world;
   world.gravity = config.gravity;
@@ -265,6 +267,16 @@ BuiltScene buildScene(const SceneConfig& config) {
   out.linearization.derivative = config.derivative == DerivativeName::full ? Derivative::full : Derivative::frozen;
   out.haptic = buildHaptic(config, world);
   return out;
+}
+
+}  // namespace
+
+BuiltScene buildScene(const SceneConfig& config) {
+  try {
+    return buildChecked(config);
+  } catch (const InputError& e) {
+    throw InputError(config.file.string(), "", e.what());
+  }
 }
 
 }  // namespace palpate

@@ -29,8 +29,8 @@ HandleModel startModel(BuiltScene& scene, const RunTiming& timing);
 /// Puts haptic loop and device to the start of a run. @returns the wrench that the hand carries at first
 Vec6 startHaptics(BuiltScene& scene, HapticLoop& loop);
 
-/// Runs a scene in virtual time on one thread; the same to the bit on every run on one machine. Tick i is at i * dt; the
-/// visual step of a tick samples the device first, and its model arrives `latency` visual steps later.
+/// Runs a scene in virtual time on one thread; the same to the bit on every run on one machine. Tick i is at i * dt;
+/// the visual step of a tick samples the device first, and its model arrives `latency` visual steps later.
 RunOutcome runLockstep(BuiltScene& scene, const RunTiming& timing, const RunSink& sink);
 
 /// Runs a scene in real time, one thread a loop, and the caller's thread for the sink. Stops after the duration.

@@ -13,7 +13,7 @@ namespace palpate {
 namespace {
 
 constexpr int kHapticPriority = 80;
-constexpr std::size_t kTickRows = 4096;   // four seconds for the recording to fall behind
+constexpr std::size_t kTickRows = 4096;  // four seconds for the recording to fall behind
 constexpr std::size_t kVisualRows = 512;
 
 /// What the two loops and the recording share. Each exchange has one writer and one reader.

@@ -17,21 +17,43 @@
 namespace palpate {
 namespace {
 
-const std::vector<std::string> kMotionColumns{"time_s", "x_m",    "y_m",    "z_m",      "qw",       "qx",       "qy",     "qz",
-                                              "vx_m_s", "vy_m_s", "vz_m_s", "wx_rad_s", "wy_rad_s", "wz_rad_s", "buttons"};
+const std::vector<std::string> kMotionColumns{"time_s", "x_m",      "y_m",      "z_m",      "qw",
+                                              "qx",     "qy",       "qz",       "vx_m_s",   "vy_m_s",
+                                              "vz_m_s", "wx_rad_s", "wy_rad_s", "wz_rad_s", "buttons"};
 const std::vector<std::string> kHapticColumns{
-    "time_s",      "device_x_m",  "device_y_m",  "device_z_m",  "device_qw",    "device_qx",    "device_qy",    "device_qz",
-    "proxy_x_m",   "proxy_y_m",   "proxy_z_m",   "proxy_qw",    "proxy_qx",     "proxy_qy",     "proxy_qz",     "raw_fx_N",
-    "raw_fy_N",    "raw_fz_N",    "raw_tx_Nm",   "raw_ty_Nm",   "raw_tz_Nm",    "sent_fx_N",    "sent_fy_N",    "sent_fz_N",
-    "sent_tx_Nm",  "sent_ty_Nm",  "sent_tz_Nm",  "model_age_s", "flags"};
-const std::vector<std::string> kVisualColumns{
-    "time_s",          "handle_x_m",      "handle_y_m",       "handle_z_m",     "handle_qw",        "handle_qx",
-    "handle_qy",       "handle_qz",       "coupling_fx_N",    "coupling_fy_N",  "coupling_fz_N",    "coupling_tx_Nm",
-    "coupling_ty_Nm",  "coupling_tz_Nm",  "contacts_found",   "contacts",       "contacts_active",  "contacts_sticking",
-    "contacts_sliding", "penetration_m",  "solver_iterations", "solver_residual_m_s", "passes",     "kinetic_energy_J",
-    "elastic_energy_J", "status"};
-const std::vector<std::string> kTimingColumns{"time_s",    "step_ms",    "assemble_ms",      "factorize_ms", "solve_ms",
-                                              "contact_ms", "advance_ms", "linearization_ms", "lateness_ms"};
+    "time_s",     "device_x_m", "device_y_m", "device_z_m",  "device_qw", "device_qx", "device_qy", "device_qz",
+    "proxy_x_m",  "proxy_y_m",  "proxy_z_m",  "proxy_qw",    "proxy_qx",  "proxy_qy",  "proxy_qz",  "raw_fx_N",
+    "raw_fy_N",   "raw_fz_N",   "raw_tx_Nm",  "raw_ty_Nm",   "raw_tz_Nm", "sent_fx_N", "sent_fy_N", "sent_fz_N",
+    "sent_tx_Nm", "sent_ty_Nm", "sent_tz_Nm", "model_age_s", "flags"};
+const std::vector<std::string> kVisualColumns{"time_s",
+                                              "handle_x_m",
+                                              "handle_y_m",
+                                              "handle_z_m",
+                                              "handle_qw",
+                                              "handle_qx",
+                                              "handle_qy",
+                                              "handle_qz",
+                                              "coupling_fx_N",
+                                              "coupling_fy_N",
+                                              "coupling_fz_N",
+                                              "coupling_tx_Nm",
+                                              "coupling_ty_Nm",
+                                              "coupling_tz_Nm",
+                                              "contacts_found",
+                                              "contacts",
+                                              "contacts_active",
+                                              "contacts_sticking",
+                                              "contacts_sliding",
+                                              "penetration_m",
+                                              "solver_iterations",
+                                              "solver_residual_m_s",
+                                              "passes",
+                                              "kinetic_energy_J",
+                                              "elastic_energy_J",
+                                              "status"};
+const std::vector<std::string> kTimingColumns{"time_s",       "step_ms",          "assemble_ms",
+                                              "factorize_ms", "solve_ms",         "contact_ms",
+                                              "advance_ms",   "linearization_ms", "lateness_ms"};
 
 void addPose(CsvWriter& csv, const Pose& pose) {
   for (int k = 0; k < 3; ++k) csv.cell(pose.position[k]);
@@ -114,7 +136,11 @@ struct RunFiles::Impl {
     visual.cell(r.time);
     addPose(visual, r.model.handle_pose);
     addVector(visual, r.model.force);
-    visual.cell(r.step.contacts_found).cell(r.step.contacts).cell(r.step.active).cell(r.step.sticking).cell(r.step.sliding);
+    visual.cell(r.step.contacts_found)
+        .cell(r.step.contacts)
+        .cell(r.step.active)
+        .cell(r.step.sticking)
+        .cell(r.step.sliding);
     visual.cell(r.step.penetration).cell(r.step.solver_iterations).cell(r.step.solver_residual).cell(r.step.passes);
     visual.cell(r.step.kinetic_energy).cell(r.step.elastic_energy).cell(statusName(r.step.status));
     visual.endRow();
@@ -157,7 +183,8 @@ struct RunFiles::Impl {
     j["latency"] = config.latency;
     j["realtime"] = outcome.realtime;
     j["duration_s"] = config.duration;
-    j["mesh"] = {{"tetrahedra", scene.tetrahedra}, {"nodes", scene.nodes}, {"surface_triangles", scene.surface_triangles}};
+    j["mesh"] = {
+        {"tetrahedra", scene.tetrahedra}, {"nodes", scene.nodes}, {"surface_triangles", scene.surface_triangles}};
     j["visual"] = {{"step_s", config.visual_step},
                    {"steps", step_ms.size()},
                    {"median_ms", percentile(step_ms, 0.5)},
@@ -237,12 +264,14 @@ struct RunFiles::Impl {
       p.note = note;
       page.plots.push_back(std::move(p));
     };
-    stepPlot("Contacts", "Contacts", {{"after reduction", contacts}, {"carrying force", active}, {"sliding", sliding}}, "");
+    stepPlot("Contacts", "Contacts", {{"after reduction", contacts}, {"carrying force", active}, {"sliding", sliding}},
+             "");
     stepPlot("Deepest penetration", "Penetration, mm", {{"penetration", penetration_mm}},
              "Of any surface vertex at the end of a visual step.");
     stepPlot("Energy of the bodies", "Energy, J", {{"kinetic", kinetic}, {"elastic", elastic}}, "");
     stepPlot("Cost of a visual step", "Time, ms", {{"whole step", step_ms}, {"linearization", linearization_ms}}, "");
-    page.footer = "Written by palpate run. The numbers behind the plots: haptic.csv, visual.csv, timing.csv, summary.json.";
+    page.footer =
+        "Written by palpate run. The numbers behind the plots: haptic.csv, visual.csv, timing.csv, summary.json.";
     return page;
   }
 
@@ -266,7 +295,8 @@ struct RunFiles::Impl {
     plot.x = plot_time;
     plot.group = "time";
     plot.note = fmt::format(
-        "The same motion of the device, both before the safety stage. Where the hand moves through free air, what {} adds is "
+        "The same motion of the device, both before the safety stage. Where the hand moves through free air, what {} "
+        "adds is "
         "drag that is not there.",
         other.method);
     Series own{toString(config.method), {}};
@@ -324,7 +354,9 @@ void RunFiles::finish(const BuiltScene& scene, const RunOutcome& outcome, const 
   };
   add("tetrahedra, surface triangles", fmt::format("{}, {}", scene.tetrahedra, scene.surface_triangles), "");
   add("visual step: median, 95 %, longest",
-      fmt::format("{:.3g}, {:.3g}, {:.3g}", percentile(i.step_ms, 0.5), percentile(i.step_ms, 0.95), i.maxOf(i.step_ms)), "ms");
+      fmt::format("{:.3g}, {:.3g}, {:.3g}", percentile(i.step_ms, 0.5), percentile(i.step_ms, 0.95),
+                  i.maxOf(i.step_ms)),
+      "ms");
   add("  of it linearization, median", fmt::format("{:.3g}", percentile(i.linearization_ms, 0.5)), "ms");
   add("haptic tick: median, 99 %, longest",
       fmt::format("{:.3g}, {:.3g}, {:.3g}", outcome.tick_us[0], outcome.tick_us[1], outcome.tick_us[2]), "us");
@@ -336,7 +368,9 @@ void RunFiles::finish(const BuiltScene& scene, const RunOutcome& outcome, const 
   add("contacts carrying force, most", fmt::format("{:.0f}", i.maxOf(i.active)), "");
   add("deepest penetration", fmt::format("{:.3g}", i.maxOf(i.penetration_mm)), "mm");
   add("force on the hand: peak, RMS",
-      fmt::format("{:.3g}, {:.3g}", i.peak_force, std::sqrt(i.force_squares / static_cast<double>(std::max<std::int64_t>(1, i.ticks)))), "N");
+      fmt::format("{:.3g}, {:.3g}", i.peak_force,
+                  std::sqrt(i.force_squares / static_cast<double>(std::max<std::int64_t>(1, i.ticks)))),
+      "N");
   for (std::size_t k = 0; k < pictures.images.size(); ++k) {
     i.writePng(fmt::format("picture-{}.png", k + 1), pictures.images[k].png);
   }

@@ -4,8 +4,8 @@
 #include <memory>
 #include <string>
 
-#include "palpate/session/builder.h"
 #include "palpate/scene/config.h"
+#include "palpate/session/builder.h"
 #include "palpate/session/lockstep.h"
 #include "palpate/session/run_record.h"
 #include "palpate/session/snapshots.h"
@@ -15,12 +15,12 @@ namespace palpate {
 /// Forces of another method along the same motion, shown beside the run's own.
 struct Comparison {
   std::string method;
-  std::vector<double> time;   ///< [s]
-  std::vector<Vec6> raw;      ///< wrench on the device [N; N m]
+  std::vector<double> time;  ///< [s]
+  std::vector<Vec6> raw;     ///< wrench on the device [N; N m]
 };
 
-/// Writes the files of a run (docs/files.md): haptic.csv, motion.csv, visual.csv, timing.csv, summary.json, report.html,
-/// and with pictures picture-1.png, ... and pictures.png.
+/// Writes the files of a run (docs/files.md): haptic.csv, motion.csv, visual.csv, timing.csv, summary.json,
+/// report.html, and with pictures picture-1.png, ... and pictures.png.
 class RunFiles {
  public:
   /// @throws InputError if the folder cannot be written

@@ -12,7 +12,7 @@ namespace palpate {
 
 /// One visual step of a run.
 struct VisualRecord {
-  double time = 0;             ///< at which the step began [s]
+  double time = 0;  ///< at which the step began [s]
   HandleModel model;
   StepReport step;
   double linearization_s = 0;  ///< wall-clock time of linearize()
@@ -29,14 +29,14 @@ struct RunSink {
 /// What a run as a whole says, besides its rows.
 struct RunOutcome {
   TickCounters counters;
-  double delivered_energy = 0;    ///< net energy given to the hand [J]
+  double delivered_energy = 0;  ///< net energy given to the hand [J]
   std::uint64_t ticks = 0;
-  std::uint64_t missed = 0;       ///< haptic deadlines missed; 0 in lockstep
-  std::uint64_t dropped_rows = 0; ///< rows that the recording could not take in time
-  std::vector<double> tick_us;    ///< p50, p99, max of the tick's work
-  std::vector<double> wake_us;    ///< p50, p99, max of the wake-up latency; real time only
+  std::uint64_t missed = 0;        ///< haptic deadlines missed; 0 in lockstep
+  std::uint64_t dropped_rows = 0;  ///< rows that the recording could not take in time
+  std::vector<double> tick_us;     ///< p50, p99, max of the tick's work
+  std::vector<double> wake_us;     ///< p50, p99, max of the wake-up latency; real time only
   bool realtime = false;
-  std::string realtime_note;      ///< what the system refused, for people
+  std::string realtime_note;  ///< what the system refused, for people
 };
 
 }  // namespace palpate

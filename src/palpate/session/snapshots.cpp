@@ -56,6 +56,7 @@ Snapshots::Snapshots(const SceneConfig& config, const World& world, int count) :
 RunSink Snapshots::watch(RunSink sink) {
   RunSink out = sink;
   out.tick = [this, pass = std::move(sink.tick)](const TickRecord& r) {
+    if (!start_rotation_) start_rotation_ = r.device.pose.rotation;
     last_tick_ = r;
     pass(r);
   };
@@ -109,7 +110,8 @@ std::vector<PictureMesh> Snapshots::obstacleMeshes() const {
 /// The hand holds a pen whose tip is at the device's position and that turns with the device.
 Vec3 Snapshots::penAxis(const Moment& moment) const {
   const CameraFrame frame = cameraFrame(lookingAlong());
-  return (moment.device.rotation * (Vec3::UnitZ() + 0.5 * frame.right)).normalized();
+  const Quat turned = moment.device.rotation * start_rotation_.value_or(moment.device.rotation).conjugate();
+  return (turned * (Vec3::UnitZ() + 0.5 * frame.right)).normalized();
 }
 
 Vec3 Snapshots::grip(const Moment& moment) const {

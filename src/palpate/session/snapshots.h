@@ -1,5 +1,6 @@
 #pragma once
 
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -53,7 +54,8 @@ class Snapshots {
   std::vector<double> due_;  // [s]
   std::vector<Moment> moments_;
   TickRecord last_tick_;
-  double pen_length_ = 0;  // [m]
+  std::optional<Quat> start_rotation_;  // of the device
+  double pen_length_ = 0;               // [m]
 };
 
 }  // namespace palpate

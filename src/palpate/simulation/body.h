@@ -82,7 +82,8 @@ class Body {
   // --- one step, in this order
   /// Rotations, forces, system; no factorization yet.
   void assemble(const StepInput& input);
-  /// Whether the factor's order still suits contact on these nodes: it has them last, and not for long far too many others.
+  /// Whether the factor's order still suits contact on these nodes: it has them last, and not for long far too many
+  /// others.
   bool contactNodesFit(const std::vector<int>& needed);
   /// Orders the given nodes last in the factor, so that contact on them is cheap. A new symbolic analysis: rare.
   void orderContactNodes(const std::vector<int>& nodes);

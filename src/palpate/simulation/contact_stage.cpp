@@ -107,8 +107,8 @@ bool ContactStage::addViolated(const ContactSettings& settings) {
   return added;
 }
 
-// Where the bodies will be if the contacts of the step before go on as they were: a far better guess than free motion, in
-// which a body at rest falls a centimeter in a step of 33 ms and all of its lower side would be a candidate.
+// Where the bodies will be if the contacts of the step before go on as they were: a far better guess than free motion,
+// in which a body at rest falls a centimeter in a step of 33 ms and all of its lower side would be a candidate.
 void ContactStage::predict(const std::vector<Body*>& bodies, const std::vector<int>& indices) {
   if (earlier_.empty()) return;
   earlier_impulse_ = earlier_force_ * bodies.front()->input().step;

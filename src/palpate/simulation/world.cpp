@@ -34,16 +34,16 @@ int World::add(Body body) {
   return index;
 }
 
-// Orders last what contact may touch: nodes near obstacles where the present velocities lead. When some are missing, those
-// a little farther away come too, so that the order then lasts.
+// Orders last what contact may touch: nodes near obstacles where the present velocities lead. When some are missing,
+// those a little farther away come too, so that the order then lasts.
 void World::orderContactNodes(Body& body, double h) const {
   const double edge = body.contactFinder().edgeLength();
   const VecX x = body.positions() + h * body.velocities();
   std::vector<int> nodes;
-  body.contactFinder().nearbyNodes(x, obstacles, 0.05 * edge, nodes);
+  body.contactFinder().nearbyNodes(x, obstacles, 0.02 * edge, nodes);
   if (body.contactNodesFit(nodes)) return;
   nodes.clear();
-  body.contactFinder().nearbyNodes(x, obstacles, 0.3 * edge, nodes);
+  body.contactFinder().nearbyNodes(x, obstacles, 0.08 * edge, nodes);
   body.orderContactNodes(nodes);
 }
 

@@ -34,7 +34,7 @@ void checkSizes(const ContactProblem& problem) {
     throw std::invalid_argument("contact problem: delassus, free, bias and friction differ in size");
   }
   if (!problem.cone.exact && problem.cone.facets < 3) {
-    throw std::invalid_argument("contact problem: a linearised cone needs at least three facets");
+    throw std::invalid_argument("contact problem: a linearized cone needs at least three facets");
   }
   if ((problem.friction.array() < 0.0).any()) throw std::invalid_argument("contact problem: negative friction");
 }
@@ -193,7 +193,7 @@ Vec3 slideLocally(const Local& local) {
   return lambda;
 }
 
-/// Sliding on the linearised cone: looks through vertices and edges, from the hinted one on, for the one that obeys the
+/// Sliding on the linearized cone: looks through vertices and edges, from the hinted one on, for the one that obeys the
 /// law.
 struct PolygonSlide {
   const Local& local;

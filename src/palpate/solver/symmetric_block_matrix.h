@@ -8,8 +8,8 @@
 
 namespace palpate {
 
-/// Symmetric matrix of 3x3 blocks on a fixed pattern: the lower triangle (row >= column) by columns, the diagonal first in
-/// each column. Built once; `values` is refilled every step.
+/// Symmetric matrix of 3x3 blocks on a fixed pattern: the lower triangle (row >= column) by columns, the diagonal first
+/// in each column. Built once; `values` is refilled every step.
 struct SymmetricBlockMatrix {
   int size = 0;                ///< number of block rows (nodes)
   std::vector<int> column;     ///< [size + 1] first slot of each block column
@@ -20,7 +20,8 @@ struct SymmetricBlockMatrix {
   Eigen::Map<Mat3> block(int slot) { return Eigen::Map<Mat3>(values.data() + 9 * slot); }
   Eigen::Map<const Mat3> block(int slot) const { return Eigen::Map<const Mat3>(values.data() + 9 * slot); }
 
-  /// Pattern from pairs of coupled nodes in [0, size); diagonals are always present, duplicates and order do not matter.
+  /// Pattern from pairs of coupled nodes in [0, size); diagonals are always present, duplicates and order do not
+  /// matter.
   static SymmetricBlockMatrix fromPairs(int size, const std::vector<std::pair<int, int>>& pairs);
   /// Slot of block (i, j), i >= j; -1 if the pattern has none.
   int find(int i, int j) const;
