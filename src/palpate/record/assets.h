@@ -8,8 +8,8 @@ namespace palpate::assets {
 
 std::string_view reportCss();       ///< assets/report.css
 std::string_view reportJs();        ///< assets/report.js
-std::string_view dygraphCss();      ///< third_party/dygraphs
-std::string_view dygraphJs();       ///< third_party/dygraphs
-std::string_view dygraphLicense();  ///< third_party/dygraphs
+std::string_view dygraphCss();      ///< of the package libjs-dygraphs
+std::string_view dygraphJs();       ///< of the package libjs-dygraphs
+std::string_view dygraphLicense();  ///< of the package libjs-dygraphs
 
 }  // namespace palpate::assets

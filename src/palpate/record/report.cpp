@@ -16,6 +16,19 @@ namespace palpate {
 
 namespace {
 
+// A packaged library ends by naming a file that browsers' tools would look for; the page must not look for anything.
+std::string withoutSourceMap(std::string_view source) {
+  constexpr std::string_view mark = "# sourceMappingURL=";
+  std::string out(source);
+  for (std::size_t at = out.find(mark); at != std::string::npos && at >= 2; at = out.find(mark)) {
+    const bool block = out.compare(at - 2, 2, "/*") == 0;
+    std::size_t end = block ? out.find("*/", at) : out.find('\n', at);
+    end = end == std::string::npos ? out.size() : end + (block ? 2 : 0);
+    out.erase(at - 2, end - (at - 2));
+  }
+  return out;
+}
+
 std::string escapeHtml(std::string_view text) {
   std::string out;
   for (const char c : text) {
@@ -202,19 +215,6 @@ void appendScripts(std::string& html) {
   html += "</script>\n<script>\n";
   html += assets::reportJs();
   html += "</script>\n";
-}
-
-// A packaged library ends by naming a file that browsers' tools would look for; the page must not look for anything.
-std::string withoutSourceMap(std::string_view source) {
-  constexpr std::string_view mark = "# sourceMappingURL=";
-  std::string out(source);
-  for (std::size_t at = out.find(mark); at != std::string::npos && at >= 2; at = out.find(mark)) {
-    const bool block = out.compare(at - 2, 2, "/*") == 0;
-    std::size_t end = block ? out.find("*/", at) : out.find('\n', at);
-    end = end == std::string::npos ? out.size() : end + (block ? 2 : 0);
-    out.erase(at - 2, end - (at - 2));
-  }
-  return out;
 }
 
 }  // namespace
