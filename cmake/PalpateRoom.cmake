@@ -48,6 +48,7 @@ add_custom_target(tests_tsan)
 function(palpate_test name)
   cmake_parse_arguments(TEST "" "" "SOURCES;DEPENDS;LIBRARIES;LABELS" ${ARGN})
   add_executable(test_${name} ${TEST_SOURCES})
+  target_compile_options(test_${name} PRIVATE -O1)  # the rooms are what is tested; this halves the build of the tests
   foreach(other IN LISTS TEST_DEPENDS)
     target_link_libraries(test_${name} PRIVATE palpate_${other})
   endforeach()
