@@ -106,7 +106,8 @@ StepReport World::evaluate(const DeviceTarget& device, double h) { return stepAl
 double World::settle(int index, const Pose& device) {
   // Backward Euler with growing steps from rest is a damped Newton iteration on the static problem.
   constexpr int kMaxSteps = 3000;
-  constexpr double kLongestStep = 2.0;
+  // nobody holds a free body: its rigid motions meet only its mass, which a long step makes small beside h^2 K
+  const double longest_step = bodies_[index]->held() ? 2.0 : 0.05;
   constexpr double kTolerance = 1e-12;  // displacement of a step, relative to the body's mean edge
   // in contact the solver's tolerance, times so long a step, is a floor that displacements do not fall below
   constexpr double kContactFloor = 1e-6;
@@ -131,11 +132,11 @@ double World::settle(int index, const Pose& device) {
     stale = displacement < best ? 0 : stale + 1;
     best = std::min(best, displacement);
     const bool floor_reached = displacement < kContactFloor && stale >= kPatience;
-    if (h >= kLongestStep && (displacement < kTolerance || floor_reached)) break;
+    if (h >= longest_step && (displacement < kTolerance || floor_reached)) break;
     // a jump of the displacement says that the step was too long for the nonlinearity
     h = displacement > 0.3 || (n > 0 && displacement > 4.0 * previous && displacement > 1e-3)
             ? std::max(0.5 * h, 1e-3)
-            : std::min(1.3 * h, kLongestStep);
+            : std::min(1.3 * h, longest_step);
     previous = displacement;
     if (n + 1 == kMaxSteps && displacement > 1e-6) {
       throw RunError(body.name() + ": no static equilibrium at the first device pose after " +
