@@ -89,8 +89,9 @@ void addCheckCommand(CLI::App& app) {
   CLI::App* group = app.add_subcommand("check", "Check the mathematics on a scene");
   group->require_subcommand(1);
   const auto options = std::make_shared<CheckOptions>();
-  CLI::App* command =
-      group->add_subcommand("linearization", "Compare Kx and Kv with central differences of the step, by block");
+  CLI::App* command = group->add_subcommand(
+      "linearization",
+      "Compare Kx and Kv with central differences of the step, by block; method hsl-exact unless given");
   options->scene.addScene(*command);
   options->scene.addOverrides(*command);
   command->add_option("--at", options->at, "Time in the run at which to compare, s")->required()->type_name("T");

@@ -26,6 +26,7 @@ void evaluate(const EvaluateOptions& options) {
   for (const std::string& scene : options.scenes) {
     configs.push_back(readScene(scene));
     applyOverrides(configs.back(), options.overrides);
+    checkStudy(configs.back(), options.study);
   }
   const OutputFolder writable(options.out);
   std::vector<SceneStudy> studies;

@@ -22,11 +22,21 @@ struct RunOptions {
   int pictures = 6;
 };
 
-// Another method along the motion that the first run's device made.
-Comparison compareAlong(SceneConfig config, const std::string& method, const MotionRecording& motion) {
+// The scene with another method; a name that is none is blamed on the option that gave it.
+SceneConfig methodFor(const std::string& option, const std::string& method, SceneConfig config) {
   Overrides overrides;
   overrides.method = method;
-  applyOverrides(config, overrides);
+  try {
+    applyOverrides(config, overrides);
+  } catch (const InputError&) {
+    throw InputError(option, "", "must be hsl, hsl-exact or vc, not '" + method + "'");
+  }
+  return config;
+}
+
+// Another method along the motion that the first run's device made.
+Comparison compareAlong(const SceneConfig& scene_config, const std::string& method, const MotionRecording& motion) {
+  const SceneConfig config = methodFor("--compare", method, scene_config);
   Comparison out;
   out.method = method;
   BuiltScene scene = buildScene(config);
@@ -47,6 +57,7 @@ void run(const RunOptions& options) {
   if (options.realtime && !options.compare.empty()) {
     throw InputError("--compare", "", "needs a run in lockstep, without --realtime");
   }
+  if (!options.compare.empty()) methodFor("--compare", options.compare, config);
   BuiltScene scene = buildScene(config);
   RunFiles files(options.out.empty() ? "out/" + config.name : options.out, config);
   RunSink sink = files.sink();

@@ -5,6 +5,7 @@ usage: cli_tests.py --list | cli_tests.py --program FILE --source FOLDER [CASE..
 """
 
 import argparse
+from pathlib import Path
 import sys
 import tempfile
 
@@ -20,6 +21,8 @@ def main():
     parser.add_argument("--source")
     parser.add_argument("cases", nargs="*")
     options = parser.parse_args()
+    if options.program and options.source:  # cases run in folders of their own
+        options.program, options.source = str(Path(options.program).resolve()), str(Path(options.source).resolve())
     if options.list:
         print("\n".join(CASES))
         return 0

@@ -40,7 +40,7 @@ TEST(Document, RejectsWhatIsNoDocument) {
   EXPECT_EQ(rejectedText("# only a comment\n"), "d.yaml: is empty");
   EXPECT_EQ(rejectedText("a: 1\n---\nb: 2\n"), "d.yaml: holds more than one YAML document");
   EXPECT_EQ(rejectedText("a: 1\nb: [1, 2\n").substr(0, 33), "d.yaml: line 3: is not valid YAML");
-  EXPECT_EQ(rejectedText("a: 1\na: 2\n"), "d.yaml: line 2: a key is given twice");
+  EXPECT_EQ(rejectedText("a: 1\na: 2\n"), "d.yaml: line 2: the key 'a' is given twice");
   EXPECT_EQ(rejectedText("[a, b]: 1\n"), "d.yaml: line 1: a key must be plain text");
   EXPECT_EQ(rejectedText("a: *missing\n").substr(0, 33), "d.yaml: line 1: is not valid YAML");
   EXPECT_EQ(rejectedText("a: &v [1, *v]\n"), "d.yaml: line 1: an alias inside the value that it names");

@@ -350,7 +350,7 @@ const BadChange bad_references[] = {
     {"region: {sphere: {center: [0.01, 0.02, 0.03], radius: 0.04}}", "region: {}", "tool.handles.ball.region (",
      "has 0 of the keys sphere, box, capsule, halfspace, landmark; it must have exactly one"},
     {"    ball:", "    \"a b\":", "tool.handles (", "\"a b\" is not a name"},
-    {"    ball:", "    grip:", "line ", "a key is given twice"},
+    {"    ball:", "    grip:", "line ", "the key 'grip' is given twice"},
     {"  - {sphere: {center: [4, 5, 6], radius: 0.5}}", "  - {name: none}", "obstacles[2] (", "has 0 of the keys plane"},
     {"  - {sphere: {center: [4, 5, 6], radius: 0.5}}", "  - {plane: {}, sphere: {center: [4, 5, 6], radius: 0.5}}",
      "obstacles[2] (", "has 2 of the keys plane"},

@@ -65,8 +65,8 @@ PeriodicClock::PeriodicClock(double period) {
   period_ = std::chrono::nanoseconds(std::llround(period * 1e9));
 }
 
-void PeriodicClock::start() noexcept {
-  start_ = Clock::now();
+void PeriodicClock::start(Clock::time_point first) noexcept {
+  start_ = first;
   next_ = 0;
 }
 

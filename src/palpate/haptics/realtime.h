@@ -54,8 +54,8 @@ class PeriodicClock {
   /// @param period  [s], at least 10 us. @throws InputError
   explicit PeriodicClock(double period);
 
-  /// First deadline is now.
-  void start() noexcept;
+  /// First deadline; several loops share one origin by starting at the same instant.
+  void start(Clock::time_point first = Clock::now()) noexcept;
   /// Sleeps until the next deadline. @return its number k; deadlines skipped since the last call are missed
   std::int64_t wait(PeriodicReport& report) noexcept;
   /// Deadline of tick k [s] since start(): k * period.

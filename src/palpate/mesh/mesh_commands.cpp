@@ -1,5 +1,6 @@
 #include "palpate/mesh/mesh_commands.h"
 
+#include <cmath>
 #include <cstdarg>
 #include <cstdio>
 
@@ -37,6 +38,10 @@ void formatRepair(std::string& out, const RepairReport& r) {
 EmbedSummary runMeshEmbed(const EmbedCommand& command) {
   if (!command.out.empty() && endingOf(command.out) != ".vtk")
     throw InputError("--out", "", "the name of a simulation mesh must end in .vtk");
+  if (command.tetrahedra < 1 || command.tetrahedra > 200'000)
+    throw InputError("--tets", "", "must be from 1 to 200000");
+  if (!(command.size >= 0) || !std::isfinite(command.size))
+    throw InputError("--size", "", "must be a finite length, m");
   const Surface solid = loadSolid(command.surface, command.size);
   EmbedOptions options;
   options.target_tetrahedra = command.tetrahedra;

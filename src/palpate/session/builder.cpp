@@ -213,8 +213,7 @@ SimulationMesh buildMesh(const BodyConfig& config, EmbedReport* report) {
                    return embed(config, standing(capsuleSurface(s.radius, s.length - 2 * s.radius)), report);
                  },
                  [&](const TetrahedraFileShapeConfig& s) {
-                   throw InputError(s.file.file, "", "tetrahedral mesh files are not supported yet");
-                   return SimulationMesh{};
+                   return simulationMeshOf(readTetrahedra(s.file.path.string()), config.name);
                  }},
       config.shape);
 }

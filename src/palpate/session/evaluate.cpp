@@ -103,7 +103,18 @@ class Jobs {
   std::mutex mutex_;
 };
 
-void check(const SceneConfig& config, const StudySettings& settings) {
+SceneConfig variant(const SceneConfig& config, const std::string& method, double visual_step) {
+  SceneConfig out = config;
+  Overrides overrides;
+  overrides.method = method;
+  overrides.visual_dt = visual_step;
+  applyOverrides(out, overrides);
+  return out;
+}
+
+}  // namespace
+
+void checkStudy(const SceneConfig& config, const StudySettings& settings) {
   const std::vector<std::string>& known = methodNames();
   for (const std::string& method : settings.methods) {
     if (std::find(known.begin(), known.end(), method) == known.end()) {
@@ -121,16 +132,10 @@ void check(const SceneConfig& config, const StudySettings& settings) {
                      fmt::format("a study holds at most {:.0f} haptic ticks, which is {} s here", kMostTicks,
                                  kMostTicks * config.haptic_step));
   }
+  for (const double visual_step : settings.visual_steps) variant(config, settings.methods.front(), visual_step);
 }
 
-SceneConfig variant(const SceneConfig& config, const std::string& method, double visual_step) {
-  SceneConfig out = config;
-  Overrides overrides;
-  overrides.method = method;
-  overrides.visual_dt = visual_step;
-  applyOverrides(out, overrides);
-  return out;
-}
+namespace {
 
 // The path of the hand stands for the hand, so that the motion does not depend on the force.
 SceneConfig withGivenMotion(SceneConfig config) {
@@ -206,7 +211,7 @@ WrenchTrace idealRendering(const SceneConfig& config, double visual_step) {
 
 SceneStudy evaluateScene(const SceneConfig& scene, const StudySettings& settings,
                          const std::function<void(double)>& progress) {
-  check(scene, settings);
+  checkStudy(scene, settings);
   SceneStudy study;
   study.config = withGivenMotion(scene);
   const SceneConfig reference_config = referenceConfig(scene);

@@ -45,6 +45,9 @@ struct SceneStudy {
   std::vector<StudyRow> rows;
 };
 
+/// Whether a study can be made at all. @throws InputError naming the option
+void checkStudy(const SceneConfig& config, const StudySettings& settings);
+
 /// Runs the study of a scene, two runs at a time; the result does not depend on that. A simulated device is replaced by
 /// its hand's path, so that every run has the same motion.
 /// @param config    a checked scene

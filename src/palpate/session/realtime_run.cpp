@@ -1,6 +1,7 @@
 #include <atomic>
 #include <chrono>
 #include <cmath>
+#include <exception>
 #include <thread>
 
 #include "palpate/haptics/device_filter.h"
@@ -13,7 +14,8 @@ namespace palpate {
 namespace {
 
 constexpr int kHapticPriority = 80;
-constexpr std::size_t kTickRows = 4096;  // four seconds for the recording to fall behind
+constexpr std::chrono::milliseconds kStartDelay{20};  // both threads are up by then, and count from one instant
+constexpr std::size_t kTickRows = 4096;               // four seconds for the recording to fall behind
 constexpr std::size_t kVisualRows = 512;
 
 /// What the two loops and the recording share. Each exchange has one writer and one reader.
@@ -31,7 +33,7 @@ void hapticThread(BuiltScene& scene, const RunTiming& timing, HapticLoop& loop, 
                   RealtimeGrant& grant) {
   grant = requestRealtime(kHapticPriority);
   PeriodicClock clock(timing.haptic_step);
-  clock.start();
+  clock.start(shared.start);
   const auto last = static_cast<std::int64_t>(std::llround(timing.duration / timing.haptic_step));
   while (!shared.stop.load(std::memory_order_relaxed)) {
     const std::int64_t k = clock.wait(report);
@@ -54,7 +56,7 @@ void visualThread(BuiltScene& scene, const RunTiming& timing, HandleModel last, 
   filter.reset(scene.start);
   PeriodicReport report;
   PeriodicClock clock(timing.visual_step);
-  clock.start();
+  clock.start(shared.start);
   while (!shared.stop.load(std::memory_order_relaxed) && !shared.haptic_done.load(std::memory_order_acquire)) {
     const std::int64_t k = clock.wait(report);
     const double now = std::chrono::duration<double>(std::chrono::steady_clock::now() - shared.start).count();
@@ -80,7 +82,7 @@ RunOutcome runRealtime(BuiltScene& scene, const RunTiming& timing, const RunSink
   startHaptics(scene, loop);
   PeriodicReport report;
   RealtimeGrant grant;
-  shared.start = std::chrono::steady_clock::now();
+  shared.start = std::chrono::steady_clock::now() + kStartDelay;
   std::exception_ptr failure;
   std::thread haptic([&] { hapticThread(scene, timing, loop, shared, report, grant); });
   std::thread visual([&] {

@@ -151,7 +151,7 @@ void ContactStage::remember(double h) {
   for (const Memory& m : memory_) kept_keys_.push_back(m.key);
 }
 
-void ContactStage::solve(const std::vector<Body*>& bodies, const std::vector<int>& indices,
+bool ContactStage::solve(const std::vector<Body*>& bodies, const std::vector<int>& indices,
                          const std::vector<Obstacle>& obstacles, const ContactSettings& settings) {
   set_.contacts.clear();
   set_.impulse.resize(0);
@@ -177,8 +177,8 @@ void ContactStage::solve(const std::vector<Body*>& bodies, const std::vector<int
   while (!set_.contacts.empty()) {
     ++set_.passes;
     if (!prepareNodes(bodies, indices)) {
-      set_.solver.converged = false;
-      break;
+      set_ = ContactSet{};
+      return false;
     }
     solveOnce(bodies, indices, settings);
     iterations += set_.solver.iterations;
@@ -189,6 +189,7 @@ void ContactStage::solve(const std::vector<Body*>& bodies, const std::vector<int
   }
   set_.solver.iterations = iterations;
   remember(bodies.front()->input().step);
+  return true;
 }
 
 }  // namespace palpate

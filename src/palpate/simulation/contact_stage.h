@@ -40,14 +40,15 @@ struct ContactSet {
   int count(ContactState state) const;
 };
 
-/// Finds, reduces and solves the contacts of bodies that are coupled by them (an island). Now that bodies touch fixed
-/// obstacles only, every body is an island of its own.
+/// Finds, reduces and solves the contacts of bodies that are coupled by them (an island). Bodies touch fixed obstacles
+/// only, so every body is an island of its own.
 class ContactStage {
  public:
   /// Bodies must be factorized and solved free. Leaves their end velocities with contact.
   /// @param indices  of the bodies in the world, as contact points name them
-  void solve(const std::vector<Body*>& bodies, const std::vector<int>& indices, const std::vector<Obstacle>& obstacles,
-             const ContactSettings& settings);
+  /// @returns false if a factorization that it needed failed; the end velocities are then not to be used
+  [[nodiscard]] bool solve(const std::vector<Body*>& bodies, const std::vector<int>& indices,
+                           const std::vector<Obstacle>& obstacles, const ContactSettings& settings);
   const ContactSet& result() const { return set_; }
   /// Forgets impulses of the step before (after a jump of the state).
   void forget() {

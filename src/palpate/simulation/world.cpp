@@ -59,7 +59,7 @@ bool World::stepBody(int i, const StepInput& input, StepReport& report) {
   report.times.factorize += watch.lap();
   body.solveFree();
   report.times.solve += watch.lap();
-  stages_[i]->solve({&body}, {i}, obstacles, contact);
+  if (!stages_[i]->solve({&body}, {i}, obstacles, contact)) return false;
   report.times.contact += watch.lap();
   const ContactSet& set = stages_[i]->result();
   report.contacts_found += set.candidates;
@@ -81,12 +81,10 @@ StepReport World::stepAll(const DeviceTarget& device, double h, bool advance) {
   for (int i = 0; i < bodies(); ++i) {
     const bool good = stepBody(i, input, report);
     Stopwatch watch;
-    if (!good) {
+    if (!good || (advance && !bodies_[i]->advance())) {
       bodies_[i]->clearVelocities();
       stages_[i]->forget();
       report.status = StepStatus::restored;
-    } else if (advance) {
-      if (!bodies_[i]->advance()) report.status = StepStatus::restored;
     }
     report.times.advance += watch.lap();
   }
@@ -139,8 +137,8 @@ double World::settle(int index, const Pose& device) {
             : std::min(1.3 * h, longest_step);
     previous = displacement;
     if (n + 1 == kMaxSteps && displacement > 1e-6) {
-      throw RunError(body.name() + ": no static equilibrium at the first device pose after " +
-                     std::to_string(kMaxSteps) + " steps");
+      throw RunError(body.name() + ": finds no static equilibrium at its pose in " + std::to_string(kMaxSteps) +
+                     " steps: does anything hold it?");
     }
   }
   body.clearVelocities();

@@ -59,7 +59,8 @@ class World {
 
   /// One visual step of length h (paper, section 3.4, step 1).
   [[nodiscard]] StepReport step(const DeviceTarget& device, double h);
-  /// As step(), but the state stays as it was: for a model at the present state.
+  /// As step(), but positions and velocities stay as they were: for a model at the present state. Only a step that
+  /// fails brings its body to rest.
   [[nodiscard]] StepReport evaluate(const DeviceTarget& device, double h);
   /// Brings one body (with the device held still) to static equilibrium.
   /// @returns the largest speed [m/s] of the last settling step
