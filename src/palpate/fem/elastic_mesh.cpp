@@ -24,11 +24,18 @@ void checkMaterial(const Material& m) {
   }
 }
 
+// Columns x1 - x0, x2 - x0, x3 - x0 at rest; the determinant is six times the volume.
+Mat3 restEdges(const SimulationMesh& mesh, int index) {
+  const std::array<int, 4>& node = mesh.mesh.tetrahedra[index];
+  Mat3 edges;
+  for (int k = 0; k < 3; ++k) edges.col(k) = mesh.mesh.nodes[node[k + 1]] - mesh.mesh.nodes[node[0]];
+  return edges;
+}
+
 ElasticElement makeElement(const SimulationMesh& mesh, int index, const Material& material) {
   ElasticElement e;
   e.node = mesh.mesh.tetrahedra[index];
-  Mat3 edges;
-  for (int k = 0; k < 3; ++k) edges.col(k) = mesh.mesh.nodes[e.node[k + 1]] - mesh.mesh.nodes[e.node[0]];
+  const Mat3 edges = restEdges(mesh, index);
   const double volume = edges.determinant() / 6.0;
   if (!(volume > 0) || !std::isfinite(volume)) {
     throw InputError("mesh", "tetrahedron " + std::to_string(index), "has no positive volume");
@@ -59,11 +66,7 @@ ElasticMesh::ElasticMesh(const SimulationMesh& mesh, const Material& material) :
   for (int i = 0; i < static_cast<int>(mesh.mesh.tetrahedra.size()); ++i) {
     elements_.push_back(makeElement(mesh, i, material));
     const ElasticElement& e = elements_.back();
-    const Mat3 edges = (Mat3() << mesh.mesh.nodes[e.node[1]] - mesh.mesh.nodes[e.node[0]],
-                        mesh.mesh.nodes[e.node[2]] - mesh.mesh.nodes[e.node[0]],
-                        mesh.mesh.nodes[e.node[3]] - mesh.mesh.nodes[e.node[0]])
-                           .finished();
-    const double volume = edges.determinant() / 6.0;
+    const double volume = restEdges(mesh, i).determinant() / 6.0;
     for (int k = 0; k < 4; ++k) mass_[e.node[k]] += material.density * volume * mesh.share[i][k];
   }
   for (int n = 0; n < nodes(); ++n) {

@@ -20,7 +20,7 @@ struct HandleInputs {
   Mat6 twist = Mat6::Zero();
 };
 
-// c(x) of leftJacobianInverse and its derivative by x
+// Derivative of leftJacobianInverseCurvature by the angle x
 double jacobianCurvatureSlope(double x) {
   if (x < 0.05) return x / 360.0 + x * x * x / 7560.0;
   const double s = std::sin(x);
@@ -29,14 +29,10 @@ double jacobianCurvatureSlope(double x) {
   return -2.0 / (x * x * x) + (s * denominator + (1.0 + std::cos(x)) * slope) / (denominator * denominator);
 }
 
-double jacobianCurvature(double x) {
-  return x < 1e-3 ? 1.0 / 12.0 + x * x / 720.0 : 1.0 / (x * x) - (1.0 + std::cos(x)) / (2.0 * x * std::sin(x));
-}
-
 // d/dtheta of sym(Jl^-1(theta)) w = w + c(|theta|) theta x (theta x w)
 Mat3 linkJacobianDerivative(const Vec3& theta, const Vec3& w) {
   const double angle = theta.norm();
-  const double c = jacobianCurvature(angle);
+  const double c = leftJacobianInverseCurvature(theta.squaredNorm());
   Mat3 d = c * (-skew(theta.cross(w)) - skew(theta) * skew(w));
   if (angle > 1e-12) {
     d += jacobianCurvatureSlope(angle) / angle * theta.cross(theta.cross(w)) * theta.transpose();

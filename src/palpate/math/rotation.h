@@ -45,15 +45,18 @@ inline Mat3 leftJacobian(const Vec3& theta) {
   return Mat3::Identity() + a * s + b * s * s;
 }
 
+/// c in the inverse left Jacobian I - [theta]x / 2 + c [theta]x^2, from |theta|^2.
+inline double leftJacobianInverseCurvature(double angle2) {
+  const double angle = std::sqrt(angle2);
+  return angle < 1e-3 ? 1.0 / 12.0 + angle2 / 720.0
+                      : 1.0 / angle2 - (1.0 + std::cos(angle)) / (2.0 * angle * std::sin(angle));
+}
+
 /// Inverse of the left Jacobian of SO(3) at theta: log(exp(d) exp(theta)) = theta + J^-1 d + O(d^2), for |theta| < 2
 /// pi.
 inline Mat3 leftJacobianInverse(const Vec3& theta) {
-  const double angle2 = theta.squaredNorm();
-  const double angle = std::sqrt(angle2);
-  const double c = angle < 1e-3 ? 1.0 / 12.0 + angle2 / 720.0
-                                : 1.0 / angle2 - (1.0 + std::cos(angle)) / (2.0 * angle * std::sin(angle));
   const Mat3 s = skew(theta);
-  return Mat3::Identity() - 0.5 * s + c * s * s;
+  return Mat3::Identity() - 0.5 * s + leftJacobianInverseCurvature(theta.squaredNorm()) * s * s;
 }
 
 /// Tangent (dp, dtheta) that leads from `from` to `to`: to = from advanced by the result.

@@ -42,14 +42,15 @@ EmbedSummary runMeshEmbed(const EmbedCommand& command) {
     throw InputError("--tets", "", "must be from 1 to 200000");
   if (!(command.size >= 0) || !std::isfinite(command.size))
     throw InputError("--size", "", "must be a finite length, m");
-  const Surface solid = loadSolid(command.surface, command.size);
+  RepairReport repair;
+  const Surface solid = loadSolid(command.surface, command.size, &repair);
   EmbedOptions options;
   options.target_tetrahedra = command.tetrahedra;
   options.name = command.surface;
   EmbedSummary summary;
   const SimulationMesh mesh = embedSurface(solid, options, &summary.embed);
   // The repair that matters to the user is that of the file.
-  summary.embed.repair = repairSurface(readSurface(command.surface)).report;
+  summary.embed.repair = repair;
   summary.surface = command.surface;
   summary.surface_vertices = static_cast<int>(mesh.surface.vertices.size());
   summary.surface_triangles = static_cast<int>(mesh.surface.triangles.size());

@@ -86,9 +86,11 @@ Surface readSurface(const std::string& path) {
   return readSurfaceFromMemory(readFile(path), format, path);
 }
 
-Surface loadSolid(const std::string& path, double size) {
+Surface loadSolid(const std::string& path, double size, RepairReport* report) {
   if (!(size >= 0) || !std::isfinite(size)) throw InputError(path, "size", "must be positive, or 0 to keep the file's");
-  Surface surface = repairSurface(readSurface(path)).surface;
+  RepairedSurface repaired = repairSurface(readSurface(path));
+  if (report != nullptr) *report = repaired.report;
+  Surface surface = std::move(repaired.surface);
   requireSolid(surface, path);
   if (size > 0) {
     const Bounds box = boundsOf(surface.vertices);

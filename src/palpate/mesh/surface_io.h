@@ -3,6 +3,7 @@
 #include <string>
 #include <string_view>
 
+#include "palpate/mesh/surface_repair.h"
 #include "palpate/mesh/types.h"
 
 namespace palpate {
@@ -24,8 +25,8 @@ Surface readSurface(const std::string& path);
 Surface readSurfaceFromMemory(std::string_view data, SurfaceFormat format, const std::string& name = "surface");
 
 /// readSurface, then scaled so that the longest side of the bounding box is `size` [m] (0: as it stands), and checked
-/// by repairSurface and requireSolid. The result is the repaired surface.
-Surface loadSolid(const std::string& path, double size = 0);
+/// by repairSurface and requireSolid. The result is the repaired surface; `report` says what the repair did.
+Surface loadSolid(const std::string& path, double size = 0, RepairReport* report = nullptr);
 
 /// Writes by the file name's ending: OBJ and OFF as text, STL and PLY binary (little endian; STL in single precision).
 /// The file appears under its name only when complete. Throws InputError if the folder is not writable.

@@ -4,11 +4,10 @@
 
 #include <algorithm>
 #include <cmath>
-#include <filesystem>
-#include <fstream>
 #include <set>
 
 #include "palpate/common/error.h"
+#include "palpate/scene/document.h"
 #include "palpate/scene/value.h"
 
 namespace palpate::one_d {
@@ -113,20 +112,6 @@ void checkTogether(const Config& config, const std::string& name) {
   }
 }
 
-std::string readText(const std::string& file) {
-  std::error_code error;
-  const auto status = std::filesystem::status(file, error);
-  if (!std::filesystem::exists(status)) throw InputError(file, "", "no such file");
-  if (!std::filesystem::is_regular_file(status)) throw InputError(file, "", "is not a regular file");
-  std::ifstream stream(file, std::ios::binary);
-  if (!stream) throw InputError(file, "", "cannot be opened for reading");
-  std::string content(DocumentLimits{}.bytes + 1, '\0');  // the extra byte lets the parser notice a longer file
-  stream.read(content.data(), static_cast<std::streamsize>(content.size()));
-  if (stream.bad()) throw InputError(file, "", "cannot be read");
-  content.resize(static_cast<std::size_t>(stream.gcount()));
-  return content;
-}
-
 }  // namespace
 
 std::string methodName(Method method) { return method == Method::kVc ? "vc" : "hsl"; }
@@ -138,7 +123,7 @@ long long wholeMultiple(double whole, double part) {
   return is_whole ? static_cast<long long>(rounded) : 0;
 }
 
-Config readConfig(const std::string& file) { return parseConfig(readText(file), file); }
+Config readConfig(const std::string& file) { return parseConfig(readDocumentText(file), file); }
 
 Config parseConfig(const std::string& content, const std::string& name) {
   Config config;

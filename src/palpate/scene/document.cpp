@@ -6,6 +6,7 @@
 #include <yaml-cpp/parser.h>
 
 #include <algorithm>
+#include <fstream>
 #include <sstream>
 #include <unordered_map>
 
@@ -146,6 +147,21 @@ DocumentNode::Pointer parseDocument(std::string_view text, const std::string& fi
                      "is not valid YAML: " + printable(error.msg, 200));
   }
   return builder.root();
+}
+
+std::string readDocumentText(const std::filesystem::path& file) {
+  const std::string name = file.string();
+  std::error_code error;
+  const auto status = std::filesystem::status(file, error);
+  if (!std::filesystem::exists(status)) throw InputError(name, "", "no such file");
+  if (!std::filesystem::is_regular_file(status)) throw InputError(name, "", "is not a regular file");
+  const DocumentLimits limits;
+  std::ifstream stream(file, std::ios::binary);
+  std::string text(limits.bytes + 1, '\0');  // one more byte than allowed, so that the parser notices a longer file
+  stream.read(text.data(), static_cast<std::streamsize>(text.size()));
+  if (!stream && !stream.eof()) throw InputError(name, "", "cannot be read");
+  text.resize(static_cast<std::size_t>(stream.gcount()));
+  return text;
 }
 
 }  // namespace palpate

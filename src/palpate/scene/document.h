@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstddef>
+#include <filesystem>
 #include <memory>
 #include <string>
 #include <string_view>
@@ -32,6 +33,11 @@ struct DocumentLimits {
   std::size_t nodes = 200000;
   int depth = 32;
 };
+
+/// Text of a file that parseDocument() is to read: at most one byte more than it allows, so that it notices a longer
+/// one.
+/// @throws InputError if there is no such regular file or it cannot be read
+std::string readDocumentText(const std::filesystem::path& file);
 
 /// Parses one YAML document. Keys must be plain text and unique. Anchors and aliases are followed, merge keys (<<) are
 /// not.

@@ -486,21 +486,6 @@ void readRoot(const Value& root, SceneConfig& config) {
   root.fields(fields);
 }
 
-std::string readText(const std::filesystem::path& file) {
-  const std::string name = file.string();
-  std::error_code error;
-  const auto status = std::filesystem::status(file, error);
-  if (!std::filesystem::exists(status)) throw InputError(name, "", "no such file");
-  if (!std::filesystem::is_regular_file(status)) throw InputError(name, "", "is not a regular file");
-  const DocumentLimits limits;
-  std::ifstream stream(file, std::ios::binary);
-  std::string text(limits.bytes + 1, '\0');  // one more byte than allowed, so that the parser notices a longer file
-  stream.read(text.data(), static_cast<std::streamsize>(text.size()));
-  if (!stream && !stream.eof()) throw InputError(name, "", "cannot be read");
-  text.resize(static_cast<std::size_t>(stream.gcount()));
-  return text;
-}
-
 }  // namespace
 
 SceneConfig readSceneFromString(std::string_view text, const std::string& name) {
@@ -512,7 +497,7 @@ SceneConfig readSceneFromString(std::string_view text, const std::string& name) 
 }
 
 SceneConfig readScene(const std::filesystem::path& file) {
-  SceneConfig config = readSceneFromString(readText(file), file.string());
+  SceneConfig config = readSceneFromString(readDocumentText(file), file.string());
   config.file = file;
   resolveFiles(config);
   return config;

@@ -133,19 +133,15 @@ void ContactStage::followEarlier(const std::vector<Body*>& bodies, const std::ve
 void ContactStage::remember(double h) {
   memory_.clear();
   kept_keys_.clear();
+  earlier_.clear();
+  earlier_force_.resize(static_cast<Eigen::Index>(3 * set_.active()));
   for (std::size_t i = 0; i < set_.contacts.size(); ++i) {
     if (set_.status[i].state == ContactState::open) continue;
     const Contact& c = set_.contacts[i];
-    memory_.push_back(
-        {c.key, c.frame().transpose() * set_.impulse.segment<3>(3 * static_cast<Eigen::Index>(i)) / h, set_.status[i]});
-  }
-  earlier_.clear();
-  earlier_force_.resize(static_cast<Eigen::Index>(3 * memory_.size()));
-  for (std::size_t i = 0; i < set_.contacts.size(); ++i) {
-    if (set_.status[i].state == ContactState::open) continue;
-    earlier_force_.segment<3>(static_cast<Eigen::Index>(3 * earlier_.size())) =
-        set_.impulse.segment<3>(static_cast<Eigen::Index>(3 * i)) / h;
-    earlier_.push_back(set_.contacts[i]);
+    const auto impulse = set_.impulse.segment<3>(static_cast<Eigen::Index>(3 * i));
+    memory_.push_back({c.key, c.frame().transpose() * impulse / h, set_.status[i]});
+    earlier_force_.segment<3>(static_cast<Eigen::Index>(3 * earlier_.size())) = impulse / h;
+    earlier_.push_back(c);
   }
   std::sort(memory_.begin(), memory_.end(), [](const Memory& a, const Memory& b) { return a.key < b.key; });
   for (const Memory& m : memory_) kept_keys_.push_back(m.key);
