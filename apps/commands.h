@@ -11,6 +11,7 @@ void addRunCommand(CLI::App& app);
 void addOneDCommand(CLI::App& app);
 void addCheckCommand(CLI::App& app);
 void addEvaluateCommand(CLI::App& app);
+void addStressCommand(CLI::App& app);
 void addMeshCommand(CLI::App& app);
 void addValidateCommand(CLI::App& app);
 void addDevicesCommand(CLI::App& app);

@@ -32,6 +32,7 @@ int main(int argc, char** argv) {
   palpate::addOneDCommand(app);
   palpate::addCheckCommand(app);
   palpate::addEvaluateCommand(app);
+  palpate::addStressCommand(app);
   palpate::addMeshCommand(app);
   palpate::addValidateCommand(app);
   palpate::addDevicesCommand(app);

@@ -74,8 +74,7 @@ void contactReduction(benchmark::State& state) {
   StepReport report;
   for (auto _ : state) report = world.step(target, h);
   double normal = 0;
-  for (Eigen::Index i = 0; i < world.toolContacts().impulse.size(); i += 3)
-    normal += world.toolContacts().impulse[i] / h;
+  for (Eigen::Index i = 0; i < world.contacts().impulse.size(); i += 3) normal += world.contacts().impulse[i] / h;
   const auto stiffness = [&](DelassusModel model) {
     return Mat3(linearize(world, {model, Derivative::frozen}, 0.0).kx.topLeftCorner<3, 3>()).norm();
   };

@@ -215,6 +215,85 @@ TEST(ElasticMesh, MassIsDensityTimesVolume) {
   EXPECT_DOUBLE_EQ(light.elements()[3].mu, 0.5 * bar.elements()[3].mu);
 }
 
+// Layers along z: springs in series. Without lateral strain (all nodes move along z only) and with nu = 0 the stress is
+// the same in all layers, so each layer's strain is stress / E.
+TEST(ElasticMesh, LayeredBarIsSpringsInSeries) {
+  const SimulationMesh mesh = barMesh(kSize, {2, 2, 5});
+  const std::array<double, 5> young{2e4, 1e5, 5e3, 2e6, 3e4};
+  const double thickness = kSize.z() / 5;
+  const auto layerOf = [&](double z) { return std::min(4, static_cast<int>(z / thickness)); };
+  std::vector<ElementMaterial> materials;
+  for (const Vec3& c : elementCentroids(mesh.mesh)) materials.push_back({young[layerOf(c.z())], 0.0, 1000.0});
+  ElasticMesh fem(mesh, {}, materials);
+  const double stress = -150.0;  // [Pa]
+  const auto shift = [&](double z) {
+    double sum = 0;
+    for (int k = 0; k < 5; ++k) sum += stress / young[k] * std::clamp(z - k * thickness, 0.0, thickness);
+    return sum;
+  };
+  VecX x = restPositions(mesh);
+  for (Eigen::Index i = 2; i < x.size(); i += 3) x[i] += shift(x[i]);
+  fem.updateRotations(x);
+  VecX f;
+  fem.forces(x, f);
+  const double area = kSize.x() * kSize.y();
+  double top = 0, bottom = 0, elsewhere = 0;
+  for (int i = 0; i < fem.nodes(); ++i) {
+    const double z = mesh.mesh.nodes[i].z();
+    if (z > kSize.z() - 1e-9) {
+      top += f[3 * i + 2];
+    } else if (z < 1e-9) {
+      bottom += f[3 * i + 2];
+    } else {
+      elsewhere = std::max(elsewhere, f.segment<3>(3 * i).norm());
+    }
+  }
+  EXPECT_NEAR(top, -stress * area, 1e-11 * std::abs(stress) * area);
+  EXPECT_NEAR(bottom, stress * area, 1e-11 * std::abs(stress) * area);
+  EXPECT_LT(elsewhere, 1e-10 * std::abs(stress) * area);
+  double compliance = 0;  // energy is half the force times the shortening
+  for (const double e : young) compliance += thickness / (e * area);
+  EXPECT_NEAR(fem.energy(x), 0.5 * std::pow(stress * area, 2) * compliance, 1e-10 * fem.energy(x));
+}
+
+TEST(ElasticMesh, MassIsTheSumOfTheParts) {
+  const SimulationMesh mesh = barMesh(kSize, {2, 2, 5});
+  std::vector<ElementMaterial> materials;
+  for (const Vec3& c : elementCentroids(mesh.mesh))
+    materials.push_back({2e4, 0.3, c.z() < 0.4 * kSize.z() ? 400. : 1500.});
+  const ElasticMesh fem(mesh, {}, materials);
+  EXPECT_NEAR(fem.mass().sum(), (0.4 * 400 + 0.6 * 1500) * kSize.prod(), 1e-14);
+  double moment = 0;
+  for (int i = 0; i < fem.nodes(); ++i) moment += fem.mass()[i] * mesh.mesh.nodes[i].z();
+  const double expected = (400 * 0.5 * 0.16 + 1500 * 0.5 * (1 - 0.16)) * kSize.prod() * kSize.z();
+  EXPECT_NEAR(moment, expected, 1e-14);
+}
+
+TEST(ElasticMesh, EqualPartsAreTheUniformBody) {
+  const SimulationMesh mesh = smallBar();
+  Material material;
+  material.poisson_ratio = 0.3;
+  material.density = 700;
+  const std::vector<ElementMaterial> equal(mesh.mesh.tetrahedra.size(), {material.youngs_modulus, 0.3, 700});
+  const ElasticMesh uniform(mesh, material), parts(mesh, material, equal);
+  EXPECT_EQ(uniform.mass(), parts.mass());
+  for (std::size_t i = 0; i < equal.size(); ++i) {
+    EXPECT_EQ(uniform.elements()[i].lambda, parts.elements()[i].lambda);
+    EXPECT_EQ(uniform.elements()[i].mu, parts.elements()[i].mu);
+  }
+}
+
+TEST(ElasticMesh, RefusesImpossibleParts) {
+  const SimulationMesh mesh = smallBar();
+  std::vector<ElementMaterial> materials(mesh.mesh.tetrahedra.size());
+  EXPECT_NO_THROW(ElasticMesh(mesh, {}, materials));
+  materials.emplace_back();
+  EXPECT_THROW(ElasticMesh(mesh, {}, materials), InputError);  // one too many
+  materials.pop_back();
+  materials.back().youngs_modulus = 0;
+  EXPECT_THROW(ElasticMesh(mesh, {}, materials), InputError);
+}
+
 TEST(ElasticMesh, RefusesImpossibleMaterialsAndElements) {
   const SimulationMesh mesh = smallBar();
   const auto with = [](auto change) {

@@ -38,6 +38,65 @@ TEST(SurfaceMeasures, SphereAndCapsuleApproachTheirFormulas) {
   EXPECT_NEAR(measureSurface(capsule).volume / (pi * 0.25 * 2 + 4 * pi / 3 * 0.125), 1, 2e-3);
 }
 
+TEST(MassProperties, BoxIsExactWhereverItIsAndHoweverItIsTurned) {
+  Surface box = boxSurface(Vec3(0.1, 0.2, 0.3), {2, 3, 1});
+  const Quat turn(Eigen::AngleAxisd(0.7, Vec3(1, -2, 0.5).normalized()));
+  for (Vec3& x : box.vertices) x = turn * x + Vec3(5, -4, 3);
+  const MassProperties m = surfaceMassProperties(box, 700);
+  EXPECT_NEAR(m.mass, 4.2, 1e-11);
+  EXPECT_LT((m.center_of_mass - Vec3(5, -4, 3)).norm(), 1e-12);
+  const Vec3 moments = 4.2 / 12 * Vec3(0.04 + 0.09, 0.01 + 0.09, 0.01 + 0.04);
+  const Mat3 expected = turn.toRotationMatrix() * moments.asDiagonal() * turn.toRotationMatrix().transpose();
+  EXPECT_LT((m.inertia - expected).norm(), 1e-11);
+}
+
+// A surface inside the round solid falls short of it by the square of its edges.
+TEST(MassProperties, SphereAndCapsuleApproachTheirFormulas) {
+  const double density = 500, r = 0.5, length = 2;
+  const double ball = density * 4 * pi / 3 * std::pow(r, 3);
+  const double rod = density * pi * r * r * length;
+  const double around = ball * 0.4 * r * r + rod * 0.5 * r * r;
+  // two half balls, whose centers of mass lie 3/8 r beyond the ends of the straight part
+  const double half = 0.5 * ball * (0.4 - 9.0 / 64.0) * r * r + 0.5 * ball * std::pow(0.5 * length + 3.0 / 8.0 * r, 2);
+  const double across = 2 * half + rod * (r * r / 4 + length * length / 12);
+  for (int segments : {64, 128, 256}) {
+    const MassProperties m = surfaceMassProperties(capsuleSurface(r, length, segments), density);
+    const double tolerance = 40.0 / (segments * segments);
+    EXPECT_NEAR(m.mass / (ball + rod), 1, tolerance);
+    EXPECT_NEAR(m.inertia(2, 2) / around, 1, tolerance);
+    EXPECT_NEAR(m.inertia(0, 0) / across, 1, tolerance);
+    EXPECT_NEAR(m.inertia(1, 1) / across, 1, tolerance);
+    EXPECT_LT(m.center_of_mass.norm(), 1e-13);
+  }
+  for (int levels : {4, 5, 6}) {
+    const MassProperties m = surfaceMassProperties(sphereSurface(r, levels), density);
+    EXPECT_LT((m.inertia / (0.4 * ball * r * r) - Mat3::Identity()).norm(), 60.0 / std::pow(4, levels));
+  }
+}
+
+TEST(MassProperties, ACavityIsLeftOut) {
+  Surface shell = boxSurface(Vec3::Constant(0.2));
+  Surface inner = boxSurface(Vec3::Constant(0.1));
+  for (auto& t : inner.triangles) {
+    std::swap(t[0], t[1]);
+    for (int& v : t) v += static_cast<int>(shell.vertices.size());
+  }
+  shell.vertices.insert(shell.vertices.end(), inner.vertices.begin(), inner.vertices.end());
+  shell.triangles.insert(shell.triangles.end(), inner.triangles.begin(), inner.triangles.end());
+  const MassProperties m = surfaceMassProperties(shell, 1000);
+  EXPECT_NEAR(m.mass, 7, 1e-12);
+  EXPECT_NEAR(m.inertia(0, 0), 8 * 0.04 / 6 - 1 * 0.01 / 6, 1e-13);
+}
+
+TEST(MassProperties, RejectsWhatHasNoMass) {
+  Surface inside_out = boxSurface(Vec3::Constant(0.2));
+  for (auto& t : inside_out.triangles) std::swap(t[0], t[1]);
+  EXPECT_THROW(surfaceMassProperties(inside_out, 1000), InputError);
+  EXPECT_THROW(surfaceMassProperties({}, 1000), InputError);
+  EXPECT_THROW(surfaceMassProperties(boxSurface(Vec3::Ones()), 0), InputError);
+  EXPECT_THROW(surfaceMassProperties(boxSurface(Vec3::Ones()), NAN), InputError);
+}
+
 TEST(SurfaceMeasures, CapsCloseHoles) {
   Surface sphere = sphereSurface(1, 4);
   const double whole = measureSurface(sphere).volume;

@@ -43,12 +43,18 @@ method: hsl-exact
 aim: predicted
 latency: 2
 seed: 18446744073709551615
-visual: {step: 0.02}
+visual: {step: 0.02, substeps: 3}
 haptic: {step: 0.002}
 contact:
   cone: exact
   facets: 12
   friction: 0.7
+  pairs:
+    - {between: [tool, ground], friction: 0.8}
+    - {between: [tool, tool], friction: 0.1}
+    - {between: [stone, cushion], friction: 0.6}
+  thickness: 0.0006
+  max_recovery_speed: 0.25
   margin: 0.004
   penetration_tolerance: 2.0e-5
   max_passes: 6
@@ -59,8 +65,17 @@ tool:
   shape: {alien: {height: 0.3, resolution: 0.03}}
   tetrahedra: 288
   pose: {position: [0.1, 0.2, 0.3], rotation: [0, 0, 90]}
-  material: {youngs_modulus: 3.0e4, poisson_ratio: 0.3, density: 250, damping_alpha: 0.5, damping_beta: 0.001}
+  material:
+    youngs_modulus: 3.0e4
+    poisson_ratio: 0.3
+    density: 250
+    damping_alpha: 0.5
+    damping_beta: 0.001
+    parts:
+      - {region: {halfspace: {point: [0, 0, 0.2], normal: [0, 0, 1]}}, youngs_modulus: 5.0e4}
+      - {region: {sphere: {center: [0, 0, 0.25], radius: 0.06}}, youngs_modulus: 9.0e5, poisson_ratio: 0.2, density: 600}
   friction: 0.9
+  self_contact: false
   handle: grip
   handles:
     ball:
@@ -93,11 +108,16 @@ bodies:
   - shape: {sphere: {radius: 0.05}}
   - shape: {capsule: {radius: 0.02, length: 0.1}}
   - shape: {tetrahedra_file: b.msh}
+  - name: stone
+    rigid: true
+    density: 2600
+    shape: {revolution: {profile: [[0, 0], [0.01, 0], [0.02, 0.03], [0, 0.03]], segments: 24}}
 obstacles:
   - {name: ground, plane: {point: [0, 0, 1], normal: [0, 3, 4]}, friction: 0.3}
   - {box: {center: [1, 2, 3], half_extents: [0.1, 0.2, 0.3], rotation: [90, 0, 0]}}
   - {sphere: {center: [4, 5, 6], radius: 0.5}}
   - {capsule: {a: [0, 0, 0], b: [1, 0, 0], radius: 0.05}}
+  - {mesh: {shape: {box: {size: [0.1, 0.1, 0.001]}}, pose: {position: [7, 8, 9], rotation: [0, 90, 0]}}, friction: 0.4}
 link: {stiffness: 600, damping: 4, rotational_stiffness: 0.9, rotational_damping: 0.004}
 device:
   type: recorded

@@ -37,6 +37,8 @@ TEST(SceneReader, ReadsTheRun) {
   EXPECT_EQ(scene.latency, 2);
   EXPECT_EQ(scene.seed, 18446744073709551615ULL);
   EXPECT_EQ(scene.visual_step, 0.02);
+  EXPECT_EQ(scene.substeps, 3);
+  EXPECT_FALSE(scene.substeps_auto);
   EXPECT_EQ(scene.haptic_step, 0.002);
   EXPECT_EQ(scene.ticksPerStep(), 10);
   EXPECT_TRUE(scene.weight_compensation);
@@ -47,6 +49,8 @@ TEST(SceneReader, ReadsContactLinkDeviceAndSafety) {
   EXPECT_TRUE(scene.contact.cone.exact);
   EXPECT_EQ(scene.contact.cone.facets, 12);
   EXPECT_EQ(scene.contact.friction, 0.7);
+  EXPECT_EQ(scene.contact.thickness, 0.0006);
+  EXPECT_EQ(scene.contact.max_recovery_speed, 0.25);
   EXPECT_EQ(scene.contact.margin, 0.004);
   EXPECT_EQ(scene.contact.penetration_tolerance, 2e-5);
   EXPECT_EQ(scene.contact.max_passes, 6);
@@ -94,6 +98,42 @@ TEST(SceneReader, ReadsTheTool) {
   EXPECT_EQ(tool.material.damping_alpha, 0.5);
   EXPECT_EQ(tool.material.damping_beta, 0.001);
   EXPECT_EQ(tool.friction, 0.9);
+  EXPECT_FALSE(tool.self_contact);
+}
+
+TEST(SceneReader, ReadsPartsWhichTakeOverWhatTheyLeaveOut) {
+  const MaterialConfig material = read(full_scene).tool.material;
+  ASSERT_EQ(material.parts.size(), 2U);
+  expectClose(std::get<HalfspaceRegionConfig>(material.parts[0].region).point, {0, 0, 0.2});
+  EXPECT_EQ(material.parts[0].youngs_modulus, 5e4);
+  EXPECT_EQ(material.parts[0].poisson_ratio, 0.3);
+  EXPECT_EQ(material.parts[0].density, 250.0);
+  EXPECT_EQ(std::get<SphereRegionConfig>(material.parts[1].region).radius, 0.06);
+  EXPECT_EQ(material.parts[1].youngs_modulus, 9e5);
+  EXPECT_EQ(material.parts[1].poisson_ratio, 0.2);
+  EXPECT_EQ(material.parts[1].density, 600.0);
+  // wherever the body's own values stand
+  const std::string parts_first =
+      "material: {parts: [{region: {sphere: {center: [0, 0, 0], radius: 1}}, youngs_modulus: 1}], density: 77}";
+  const SceneConfig scene = read(replaced(small_scene, "  handles:", "  " + parts_first + "\n  handles:"));
+  EXPECT_EQ(scene.tool.material.parts[0].density, 77.0);
+}
+
+TEST(SceneReader, ReadsFrictionPairs) {
+  const ContactConfig contact = read(full_scene).contact;
+  ASSERT_EQ(contact.pairs.size(), 3U);
+  EXPECT_EQ(contact.pairs[0].first, "tool");
+  EXPECT_EQ(contact.pairs[0].second, "ground");
+  EXPECT_EQ(contact.pairs[0].value, 0.8);
+  EXPECT_EQ(contact.pairs[1].second, "tool");
+  EXPECT_EQ(contact.pairs[1].value, 0.1);
+  EXPECT_EQ(contact.pairs[2].first, "stone");
+}
+
+TEST(SceneReader, ReadsAutomaticSubsteps) {
+  const SceneConfig scene = read(replaced(full_scene, "substeps: 3", "substeps: auto"));
+  EXPECT_TRUE(scene.substeps_auto);
+  EXPECT_EQ(scene.substeps, 1);
 }
 
 TEST(SceneReader, ReadsHandles) {
@@ -124,7 +164,7 @@ TEST(SceneReader, ReadsHandles) {
 
 TEST(SceneReader, ReadsBodies) {
   const SceneConfig scene = read(full_scene);
-  ASSERT_EQ(scene.bodies.size(), 6U);
+  ASSERT_EQ(scene.bodies.size(), 7U);
   const FreeBodyConfig& cushion = scene.bodies[0];
   EXPECT_EQ(cushion.name, "cushion");
   expectClose(std::get<BarShapeConfig>(cushion.shape).size, {0.1, 0.2, 0.3});
@@ -145,11 +185,19 @@ TEST(SceneReader, ReadsBodies) {
   EXPECT_EQ(std::get<CapsuleShapeConfig>(scene.bodies[4].shape).radius, 0.02);
   EXPECT_EQ(std::get<CapsuleShapeConfig>(scene.bodies[4].shape).length, 0.1);
   EXPECT_EQ(std::get<TetrahedraFileShapeConfig>(scene.bodies[5].shape).file.file, "b.msh");
+  EXPECT_FALSE(cushion.rigid);
+  EXPECT_TRUE(cushion.self_contact);
+  const FreeBodyConfig& stone = scene.bodies[6];
+  EXPECT_TRUE(stone.rigid);
+  EXPECT_EQ(stone.material.density, 2600.0);
+  const auto& revolution = std::get<RevolutionShapeConfig>(stone.shape);
+  EXPECT_EQ(revolution.segments, 24);
+  EXPECT_EQ(revolution.profile, (RevolutionProfile{{0, 0}, {0.01, 0}, {0.02, 0.03}, {0, 0.03}}));
 }
 
 TEST(SceneReader, ReadsObstacles) {
   const SceneConfig scene = read(full_scene);
-  ASSERT_EQ(scene.obstacles.size(), 4U);
+  ASSERT_EQ(scene.obstacles.size(), 5U);
   const auto& plane = std::get<PlaneObstacleConfig>(scene.obstacles[0].geometry);
   EXPECT_EQ(scene.obstacles[0].name, "ground");
   EXPECT_EQ(scene.obstacles[0].friction, 0.3);
@@ -165,6 +213,11 @@ TEST(SceneReader, ReadsObstacles) {
   EXPECT_EQ(std::get<SphereObstacleConfig>(scene.obstacles[2].geometry).radius, 0.5);
   expectClose(std::get<CapsuleObstacleConfig>(scene.obstacles[3].geometry).b, {1, 0, 0});
   EXPECT_EQ(std::get<CapsuleObstacleConfig>(scene.obstacles[3].geometry).radius, 0.05);
+  const auto& mesh = std::get<MeshObstacleConfig>(scene.obstacles[4].geometry);
+  expectClose(std::get<BoxShapeConfig>(mesh.shape).size, {0.1, 0.1, 0.001});
+  expectClose(mesh.pose.position, {7, 8, 9});
+  expectClose(mesh.pose.rotation * Vec3::UnitZ(), Vec3::UnitX());
+  EXPECT_EQ(scene.obstacles[4].friction, 0.4);
 }
 
 TEST(SceneReader, SmallSceneHasTheDefaultsOfItsStructs) {
@@ -177,6 +230,12 @@ TEST(SceneReader, SmallSceneHasTheDefaultsOfItsStructs) {
   EXPECT_EQ(scene.latency, 1);
   EXPECT_EQ(scene.method, MethodName::hsl);
   EXPECT_EQ(scene.aim, AimName::sample);
+  EXPECT_EQ(scene.substeps, 1);
+  EXPECT_FALSE(scene.substeps_auto);
+  EXPECT_TRUE(scene.tool.self_contact);
+  EXPECT_FALSE(scene.contact.thickness.has_value());
+  EXPECT_EQ(scene.contact.max_recovery_speed, 0.5);
+  EXPECT_TRUE(scene.contact.pairs.empty());
   EXPECT_FALSE(scene.contact.cone.exact);
   EXPECT_EQ(scene.contact.solver.tolerance, ContactSolverSettings{}.tolerance);
   EXPECT_EQ(scene.device.kind, DeviceName::simulated);
@@ -203,7 +262,7 @@ TEST(SceneReader, NumbersReadToTheLastDigit) {
 TEST(SceneReader, ErrorsNameFileKeyLineAndRange) {
   EXPECT_EQ(
       rejectedChange("density: 250", "density: -3"),
-      "s.yaml: tool.material.density (line 26): -3 is out of range; it must be above 0 and at most 100000 kg/m^3");
+      "s.yaml: tool.material.density (line 35): -3 is out of range; it must be above 0 and at most 100000 kg/m^3");
   EXPECT_EQ(
       rejectedChange("[0.1, -0.2, -9.5]", "[0.1, -0.2, .nan]"),
       "s.yaml: gravity[2] (line 4): nan is not a finite number; it must be at least -1000 and at most 1000 m/s^2");
@@ -211,14 +270,14 @@ TEST(SceneReader, ErrorsNameFileKeyLineAndRange) {
 
 TEST(SceneReader, UnknownKeysGetTheNearestKnownOne) {
   EXPECT_EQ(rejectedChange("density: 250", "densty: 250"),
-            "s.yaml: tool.material (line 26): unknown key \"densty\"; the nearest known key is \"density\"");
+            "s.yaml: tool.material (line 35): unknown key \"densty\"; the nearest known key is \"density\"");
   EXPECT_EQ(rejectedChange("gravity:", "gravtiy:"),
             "s.yaml: line 4: unknown key \"gravtiy\"; the nearest known key is \"gravity\"");
   EXPECT_EQ(
       rejectedChange("keyframes:", "key_frames:"),
-      "s.yaml: tool.handles.grip.hand (line 38): unknown key \"key_frames\"; the nearest known key is \"keyframes\"");
+      "s.yaml: tool.handles.grip.hand (line 53): unknown key \"key_frames\"; the nearest known key is \"keyframes\"");
   EXPECT_EQ(rejectedChange("{alien:", "{allien:"),
-            "s.yaml: tool.shape (line 23): unknown key \"allien\"; the nearest known key is \"alien\"");
+            "s.yaml: tool.shape (line 29): unknown key \"allien\"; the nearest known key is \"alien\"");
   const std::string strange = rejectedText(small_scene + "\"a\\nb" + std::string(500, 'x') + "\": 1\n");
   EXPECT_EQ(strange.find('\n'), std::string::npos);
   EXPECT_LT(strange.size(), 200U);
@@ -272,8 +331,8 @@ const BadChange bad_types[] = {
     {"name: everything", "name: a/b", "name (", "\"a/b\" is not a name"},
     {"name: everything", "name: \"\"", "name (", "is not a name"},
     {"description: all keys", "description: \"a\\0b\"", "description (", "zero byte"},
-    {"visual: {step: 0.02}", "visual: 0.02", "visual (", "must be a map with keys such as step"},
-    {"visual: {step: 0.02}", "visual: {}", "visual (", "the key \"step\" is missing"},
+    {"visual: {step: 0.02, substeps: 3}", "visual: 0.02", "visual (", "must be a map with keys such as step"},
+    {"visual: {step: 0.02, substeps: 3}", "visual: {}", "visual (", "the key \"step\" is missing"},
     {"cells: [2, 3, 4]", "cells: [2, 3]", "bodies[0].shape.bar.cells (", "it must have 3"},
     {"cells: [2, 3, 4]", "cells: [2, 3, 4.5]", "bodies[0].shape.bar.cells[2] (", "not a whole number"},
 };
@@ -281,11 +340,11 @@ const BadChange bad_types[] = {
 const BadChange bad_ranges[] = {
     {"duration: 7", "duration: 0", "duration (", "above 0 and at most 3600 s"},
     {"duration: 7", "duration: 4000", "duration (", "above 0 and at most 3600 s"},
-    {"visual: {step: 0.02}", "visual: {step: 0}", "visual.step (", "above 0 and at most 1 s"},
+    {"visual: {step: 0.02, substeps: 3}", "visual: {step: 0}", "visual.step (", "above 0 and at most 1 s"},
     {"haptic: {step: 0.002}", "haptic: {step: 0}", "haptic.step (", "at least 1e-05"},
-    {"visual: {step: 0.02}", "visual: {step: 0.021}",
+    {"visual: {step: 0.02, substeps: 3}", "visual: {step: 0.021}",
      "visual.step:", "not a whole multiple of the haptic step, 0.002 s"},
-    {"visual: {step: 0.02}", "visual: {step: 0.0005}", "visual.step:", "not a whole multiple"},
+    {"visual: {step: 0.02, substeps: 3}", "visual: {step: 0.0005}", "visual.step:", "not a whole multiple"},
     {"latency: 2", "latency: -1", "latency (", "at least 0 and at most 100"},
     {"method: hsl-exact", "method: hls", "method (", "\"hls\" is not one of hsl, hsl-exact, vc"},
     {"aim: predicted", "aim: guess", "aim (", "not one of sample, predicted"},
@@ -340,6 +399,53 @@ const BadChange bad_ranges[] = {
     {"model_age_limit: 0.2", "model_age_limit: 0", "safety.model_age_limit (", "above 0"},
 };
 
+const BadChange bad_contact[] = {
+    {"substeps: 3", "substeps: 0", "visual.substeps (", "at least 1 and at most 1000"},
+    {"substeps: 3", "substeps: 2.5", "visual.substeps (", "2.5 is not a whole number"},
+    {"substeps: 3", "substeps: many", "visual.substeps (", "\"many\" is neither auto nor a number"},
+    {"substeps: 3", "substeps: [3]", "visual.substeps (", "is a list; it must be a number"},
+    {"thickness: 0.0006", "thickness: 0", "contact.thickness (", "at least 1e-06 and at most 0.1 m"},
+    {"max_recovery_speed: 0.25", "max_recovery_speed: 0", "contact.max_recovery_speed (", "above 0 and at most 100"},
+    {"self_contact: false", "self_contact: no", "tool.self_contact (", "not one of false, true"},
+    {"[tool, ground]", "[tool, grond]", "contact.pairs[0].between[1] (",
+     "there is no tool, body or obstacle \"grond\"; the nearest is \"ground\""},
+    {"[tool, ground]", "[tool]", "contact.pairs[0].between (", "has 1 names; it must have 2"},
+    {"[tool, ground]", "[tool, ground, stone]", "contact.pairs[0].between (", "has 3 entries; at most 2"},
+    {"[tool, ground]", "[obstacle-2, ground]", "contact.pairs[0].between (", "obstacles do not touch each other"},
+    {"[tool, ground]", "[stone, stone]", "contact.pairs[0].between (", "a rigid body does not touch itself"},
+    {"[tool, ground]", "[cushion, stone]", "contact.pairs[2] (", "the pair stone and cushion is given twice"},
+    {"ground], friction: 0.8", "ground], friction: -1", "contact.pairs[0].friction (", "at least 0"},
+    {"ground], friction: 0.8", "ground]", "contact.pairs[0] (", "the key \"friction\" is missing"},
+};
+
+const BadChange bad_bodies[] = {
+    {"youngs_modulus: 5.0e4", "youngs_modulus: 0", "tool.material.parts[0].youngs_modulus (", "above 0"},
+    {", youngs_modulus: 5.0e4", "", "tool.material.parts[0] (", "the key \"youngs_modulus\" is missing"},
+    {"poisson_ratio: 0.2", "poisson_ratio: 0.5", "tool.material.parts[1].poisson_ratio (", "below 0.5"},
+    {"density: 600", "density: 0", "tool.material.parts[1].density (", "above 0"},
+    {"density: 600", "damping_beta: 0.1", "tool.material.parts[1] (", "unknown key \"damping_beta\""},
+    {"sphere: {center: [0, 0, 0.25], radius: 0.06}", "landmark: {name: tail, radius: 0.06}",
+     "tool.material.parts[1].region.landmark.name (", "not one of head"},
+    {"sphere: {center: [0, 0, 0.25], radius: 0.06}", "", "tool.material.parts[1].region (", "has 0 of the keys sphere"},
+    {"rigid: true", "rigid: maybe", "bodies[6].rigid (", "not one of false, true"},
+    {"rigid: true", "rigid: false", "bodies[6].density (", "the density of a soft one is in its material"},
+    {"rigid: true", "rigid: true\n    material: {density: 1}", "bodies[6].material (", "is for soft bodies"},
+    {"rigid: true", "rigid: true\n    tetrahedra: 100", "bodies[6].tetrahedra (", "is for soft bodies"},
+    {"rigid: true", "rigid: true\n    self_contact: true", "bodies[6].self_contact (", "is for soft bodies"},
+    {"rigid: true", "rigid: true\n    start: settled", "bodies[6].start (", "a rigid body starts as it is placed"},
+    {"density: 2600", "density: 0", "bodies[6].density (", "above 0"},
+    {"{tetrahedra_file: b.msh}", "{tetrahedra_file: b.msh}\n    rigid: true", "bodies[5].shape (",
+     "a rigid body needs a surface, not tetrahedra"},
+    {"[0.02, 0.03], [0, 0.03]", "[0.02, 0.03]", "bodies[6].shape.revolution.profile (",
+     "corner 1 touches the axis in a single point"},
+    {"[0.02, 0.03], [0, 0.03]", "[0.02]", "bodies[6].shape.revolution.profile[2] (", "it must have 2, r and z"},
+    {"[0.02, 0.03], [0, 0.03]", "[-1, 0.03]", "bodies[6].shape.revolution.profile[2][0] (", "at least 0"},
+    {"segments: 24", "segments: 4", "bodies[6].shape.revolution.segments (", "at least 8 and at most 512"},
+    {"{box: {size: [0.1, 0.1, 0.001]}}", "{bar: {size: [1, 1, 1], cells: [1, 1, 1]}}", "obstacles[4].mesh (",
+     "an obstacle needs a surface, not tetrahedra"},
+    {"{box: {size: [0.1, 0.1, 0.001]}}", "{}", "obstacles[4].mesh.shape (", "has 0 of the keys alien"},
+};
+
 const BadChange bad_references[] = {
     {"handle: grip", "handle: gripp", "tool.handle (", "the tool has no handle \"gripp\"; the nearest is \"grip\""},
     {"name: left_hand", "name: tail", "tool.handles.grip.region.landmark.name (", "not one of head"},
@@ -372,6 +478,8 @@ const BadChange bad_references[] = {
 
 INSTANTIATE_TEST_SUITE_P(Types, SceneReaderRejects, testing::ValuesIn(bad_types));
 INSTANTIATE_TEST_SUITE_P(Ranges, SceneReaderRejects, testing::ValuesIn(bad_ranges));
+INSTANTIATE_TEST_SUITE_P(Contact, SceneReaderRejects, testing::ValuesIn(bad_contact));
+INSTANTIATE_TEST_SUITE_P(Bodies, SceneReaderRejects, testing::ValuesIn(bad_bodies));
 INSTANTIATE_TEST_SUITE_P(References, SceneReaderRejects, testing::ValuesIn(bad_references));
 
 TEST(SceneReader, RejectsTooManyOfAnything) {

@@ -5,6 +5,7 @@
 #include <iterator>
 #include <set>
 
+#include "palpate/scene/document.h"
 #include "palpate/scene/reader.h"
 #include "scene_text.h"
 
@@ -53,6 +54,17 @@ TEST_F(SceneFiles, NamesAMissingSurface) {
   const fs::path file = write("s.yaml", surface_scene);
   EXPECT_EQ(rejection([&] { readScene(file); }),
             file.string() + ": tool.shape.surface.file: no such file \"" + (folder_ / "meshes/a.obj").string() + "\"");
+}
+
+TEST_F(SceneFiles, NamesTheSurfaceOfAnObstacle) {
+  const std::string text = small_scene + "obstacles:\n  - {mesh: {shape: {surface: {file: rock.ply}}}}\n";
+  const fs::path file = write("s.yaml", text);
+  EXPECT_NE(rejection([&] { readScene(file); }).find(": obstacles[0].mesh.shape.surface.file: no such file"),
+            std::string::npos);
+  const fs::path mesh = write("rock.ply", "");
+  const SceneConfig scene = readScene(file);
+  const auto& obstacle = std::get<MeshObstacleConfig>(scene.obstacles[0].geometry);
+  EXPECT_TRUE(fs::equivalent(std::get<SurfaceShapeConfig>(obstacle.shape).file.path, mesh));
 }
 
 TEST_F(SceneFiles, NamesAMissingRecording) {
@@ -105,9 +117,11 @@ TEST(ShippedScenes, AllRead) {
       ASSERT_FALSE(handle.hand.keyframes.empty()) << name;
       EXPECT_LE(handle.hand.keyframes.back().time, scene.duration) << name;
     }
+    EXPECT_LE(scene.duration, 20.0) << name;
     names.insert(name);
   }
-  for (const char* expected : {"alien", "bunny", "block", "block-2592", "block-10140"})
+  for (const char* expected :
+       {"alien", "bunny", "block", "block-2592", "block-10140", "alien-self", "bunnies", "palpation", "plug", "pile"})
     EXPECT_TRUE(names.contains(expected)) << expected;
 }
 
@@ -133,6 +147,38 @@ TEST(ShippedScenes, AlienHasThreeHandlesAndTwentySeconds) {
   const SceneConfig scene = readScene(fs::path(PALPATE_SOURCE_DIR) / "scenes" / "alien.yaml");
   EXPECT_EQ(scene.tool.handles.size(), 3U);
   EXPECT_EQ(scene.duration, 20.0);
+}
+
+TEST(ShippedScenes, ContactScenesHaveWhatTheyAreMeantToShow) {
+  const auto scene = [](const char* name) {
+    const fs::path file = fs::path(PALPATE_SOURCE_DIR) / "scenes" / (std::string(name) + ".yaml");
+    return readSceneFromString(readDocumentText(file), file.string());
+  };
+  EXPECT_EQ(scene("pile").bodies.size(), 10U);
+  const SceneConfig bunnies = scene("bunnies");
+  for (const ShapeConfig& shape : {bunnies.tool.shape, bunnies.bodies.at(0).shape})
+    EXPECT_EQ(std::get<SurfaceShapeConfig>(shape).file.package, "glmark2-data");
+  EXPECT_TRUE(std::holds_alternative<MeshObstacleConfig>(scene("plug").obstacles.at(0).geometry));
+  EXPECT_TRUE(scene("alien-self").tool.self_contact);
+  EXPECT_EQ(scene("alien-self").tool.tetrahedra, 288);
+}
+
+// The finger's path leads over the inclusion.
+TEST(ShippedScenes, TheFingerCrossesTheInclusion) {
+  const fs::path file = fs::path(PALPATE_SOURCE_DIR) / "scenes" / "palpation.yaml";
+  const SceneConfig scene = readSceneFromString(readDocumentText(file), file.string());
+  const FreeBodyConfig& tissue = scene.bodies.at(0);
+  const MaterialPartConfig& part = tissue.material.parts.at(1);
+  const auto& inclusion = std::get<SphereRegionConfig>(part.region);
+  EXPECT_GE(part.youngs_modulus, 10 * tissue.material.youngs_modulus);
+  double first = 1e9, last = -1e9;
+  for (const KeyframeConfig& key : scene.tool.chosenHandle().hand.keyframes) {
+    const double x = scene.tool.pose.position.x() + key.position.x() - tissue.pose.position.x();
+    first = std::min(first, x);
+    last = std::max(last, x);
+  }
+  EXPECT_LT(first, inclusion.center.x() - inclusion.radius);
+  EXPECT_GT(last, inclusion.center.x() + inclusion.radius);
 }
 
 }  // namespace

@@ -115,7 +115,7 @@ TEST(Friction, NeverAddsEnergy) {
     double before = start;
     for (int n = 0; n < 80; ++n) {
       ASSERT_EQ(world.step({}, kStep).status, StepStatus::ok);
-      const ContactSet& set = world.contacts(0);
+      const ContactSet& set = world.contacts();
       if (!set.contacts.empty()) {
         const VecX velocities = set.delassus * set.impulse + set.free;
         for (Eigen::Index i = 0; i < velocities.size(); i += 3) {

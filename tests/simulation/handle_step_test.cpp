@@ -26,7 +26,7 @@ TEST(HandleStep, WrenchAtRestIsTheFreeNodesWeightAndMoment) {
   World world = heldBar();
   Pose device = world.tool().handle().pose;
   device.rotation = expRotation({0.4, 0.7, -0.2}) * device.rotation;  // hangs askew, so that there is a moment
-  world.settle(0, device);
+  world.settle({0}, device);
   ASSERT_EQ(world.evaluate({device, Vec6::Zero()}, 0.033).status, StepStatus::ok);
   const Body& tool = world.tool();
   Vec6 expected = Vec6::Zero();
@@ -65,7 +65,7 @@ TEST(HandleStep, NewtonsLawOfTheHandle) {
       speed << 0, 0, -0.1, 2, 1, 0;
       const DeviceTarget device{advance(start, offset), speed};
       ASSERT_EQ(world.step(device, h).status, StepStatus::ok);
-      touching += world.toolContacts().active() > 0 ? 1 : 0;
+      touching += world.contacts().active() > 0 ? 1 : 0;
       const Pose& pose = tool.startPose();
       const Vec6 u0 = tool.startTwist();
       const Vec6 u = tool.endTwist();
@@ -149,7 +149,7 @@ TEST(HandleStep, ContactOnTheHandlesOwnSurface) {
   world.add(std::move(body));
   Pose device = world.tool().handle().pose;
   device.position.z() -= 0.005;
-  world.settle(0, device);
+  world.settle({0}, device);
   ASSERT_EQ(world.step({device, Vec6::Zero()}, 0.01).status, StepStatus::ok);
   EXPECT_LT(deepestVertex(world, 0), 5e-5);
   // pressed by the link and the weight

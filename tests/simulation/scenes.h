@@ -52,7 +52,7 @@ inline Obstacle ground(double friction = 0.5) { return {PlaneShape{}, friction, 
 inline Vec3 momentum(const Body& body) {
   Vec3 sum = Vec3::Zero();
   for (int i = 0; i < body.nodes(); ++i) sum += body.elasticity().mass()[i] * body.velocities().segment<3>(3 * i);
-  if (body.held()) sum += (body.handle().mass - body.handle().attached_mass) * body.handle().twist.head<3>();
+  if (body.framed()) sum += (body.handle().mass - body.handle().attached_mass) * body.handle().twist.head<3>();
   return sum;
 }
 
@@ -71,17 +71,33 @@ struct ContactForce {
 };
 inline ContactForce contactForce(const World& world, int body) {
   ContactForce out;
-  const ContactSet& set = world.contacts(body);
+  const ContactSet& set = world.contacts();
   const double h = world.body(body).input().step;
   for (std::size_t i = 0; i < set.contacts.size(); ++i) {
     const Vec3 impulse = set.impulse.segment<3>(static_cast<Eigen::Index>(3 * i));
-    out.total += set.contacts[i].frame().transpose() * impulse / h;
+    const Vec3 force = set.contacts[i].frame().transpose() * impulse / h;
+    if (set.contacts[i].first.body == body) out.total += force;
+    if (set.contacts[i].second.body == body) out.total -= force;
     out.normal += impulse[0] / h;
   }
   return out;
 }
 
-/// Depth of the deepest surface vertex in any obstacle, by brute force [m].
+/// Signed distance from an analytic solid [m], written apart from the product, which works on its triangles.
+inline double signedDistance(const PlaneShape& plane, const Vec3& p) { return plane.normal.dot(p - plane.point); }
+inline double signedDistance(const SphereShape& s, const Vec3& p) { return (p - s.center).norm() - s.radius; }
+inline double signedDistance(const CapsuleShape& c, const Vec3& p) {
+  const Vec3 axis = c.b - c.a;
+  const double t = std::clamp((p - c.a).dot(axis) / axis.squaredNorm(), 0.0, 1.0);
+  return (p - c.a - t * axis).norm() - c.radius;
+}
+inline double signedDistance(const BoxShape& box, const Vec3& p) {
+  const Vec3 excess = (box.pose.rotation.conjugate() * (p - box.pose.position)).cwiseAbs() - box.half_extents;
+  return excess.cwiseMax(0.0).norm() + std::min(excess.maxCoeff(), 0.0);
+}
+inline double signedDistance(const MeshShape&, const Vec3&) { return 1.0; }
+
+/// Depth of the deepest surface vertex in any analytic obstacle, by brute force [m].
 inline double deepestVertex(const World& world, int index) {
   const Body& body = world.body(index);
   double deepest = 0;
@@ -90,7 +106,9 @@ inline double deepestVertex(const World& world, int index) {
     for (int k = 0; k < 4; ++k) {
       p += e.weights[k] * body.positions().segment<3>(3 * body.mesh().mesh.tetrahedra[e.tetrahedron][k]);
     }
-    for (const Obstacle& o : world.obstacles) deepest = std::max(deepest, -proximity(o, p).gap);
+    for (const Obstacle& o : world.obstacles) {
+      deepest = std::max(deepest, -std::visit([&](const auto& shape) { return signedDistance(shape, p); }, o.shape));
+    }
   }
   return deepest;
 }

@@ -12,64 +12,19 @@ Vec3 interpolate(const std::array<int, 4>& node, const std::array<double, 4>& we
          weight[2] * x.segment<3>(3 * node[2]) + weight[3] * x.segment<3>(3 * node[3]);
 }
 
-// Up to three points that span the patch: the deepest, the one farthest from it, the one farthest from the line of
-// both.
-void extremePoints(const std::vector<Contact>& all, const std::vector<int>& patch, std::vector<int>& out) {
-  const auto deepest = *std::min_element(patch.begin(), patch.end(), [&](int a, int b) {
-    return all[a].end_gap != all[b].end_gap ? all[a].end_gap < all[b].end_gap : a < b;
-  });
-  out.push_back(deepest);
-  if (patch.size() == 1) return;
-  const auto farthest = [&](auto distance) {
-    int best = patch.front();
-    double value = -1;
-    for (const int i : patch) {
-      const double d = distance(all[i].position);
-      if (d > value) {
-        value = d;
-        best = i;
-      }
-    }
-    return best;
-  };
-  const Vec3 origin = all[deepest].position;
-  const int second = farthest([&](const Vec3& p) { return (p - origin).squaredNorm(); });
-  if (second == deepest) return;
-  out.push_back(second);
-  if (patch.size() == 2) return;
-  const Vec3 along = (all[second].position - origin).normalized();
-  const int third = farthest([&](const Vec3& p) { return (p - origin).cross(along).squaredNorm(); });
-  if (third != deepest && third != second) out.push_back(third);
-}
-
-// Position, gap and frame of a contact whose surface point is known.
-void linearize(Contact& c, const VecX& x_start, const VecX& x_end, const Obstacle& obstacle, bool at_end) {
-  const Vec3 start = interpolate(c.first.node, c.first.weight, x_start);
-  const Vec3 end = interpolate(c.first.node, c.first.weight, x_end);
-  const Proximity near_end = proximity(obstacle, end);
-  c.position = end;
-  c.end_gap = near_end.gap;
-  if (at_end) {
-    c.normal = near_end.normal;
-    c.gap = near_end.gap - near_end.normal.dot(end - start);
-  } else {
-    const Proximity near_start = proximity(obstacle, start);
-    c.normal = near_start.normal;
-    c.gap = near_start.gap;
-  }
+// Position, gap and frame of a contact whose surface point is known. A plane's normal is the same everywhere, so the
+// gap is linear in the motion and it does not matter where it is linearized.
+void linearize(Contact& c, const VecX& x_start, const VecX& x_end, const PlaneShape& plane) {
+  c.position = c.first.at(x_end);
+  c.end_gap = gap(plane, c.position);
+  c.gap = gap(plane, c.first.at(x_start));
+  c.normal = plane.normal;
   setTangents(c);
 }
 
 }  // namespace
 
-void setTangents(Contact& contact) {
-  const Vec3 axis = std::abs(contact.normal.x()) < 0.9 ? Vec3::UnitX() : Vec3::UnitY();
-  contact.tangent1 = (axis - contact.normal.dot(axis) * contact.normal).normalized();
-  contact.tangent2 = contact.normal.cross(contact.tangent1);
-}
-
-ContactFinder::ContactFinder(const SimulationMesh& mesh, double friction)
-    : nodes_(static_cast<int>(mesh.mesh.nodes.size())), friction_(friction) {
+ContactFinder::ContactFinder(const SimulationMesh& mesh) {
   vertex_.resize(mesh.embedding.size());
   std::iota(vertex_.begin(), vertex_.end(), 0);
   std::stable_sort(vertex_.begin(), vertex_.end(),
@@ -95,29 +50,31 @@ ContactFinder::ContactFinder(const SimulationMesh& mesh, double friction)
   edge_length_ = sum / (6.0 * static_cast<double>(mesh.mesh.tetrahedra.size()));
 }
 
-double ContactFinder::clearance(const Group& group, const VecX& x, const Obstacle& obstacle) const {
+double ContactFinder::clearance(const Group& group, const VecX& x, const PlaneShape& plane) const {
   Vec3 center = Vec3::Zero();
   for (const int n : group.node) center += 0.25 * x.segment<3>(3 * n);
   double radius2 = 0;
   for (const int n : group.node) radius2 = std::max(radius2, (x.segment<3>(3 * n) - center).squaredNorm());
-  return proximity(obstacle, center).gap - group.extension * std::sqrt(radius2);
+  return gap(plane, center) - group.extension * std::sqrt(radius2);
 }
 
 void ContactFinder::find(int body, const VecX& x_start, const VecX& x_end, const std::vector<Obstacle>& obstacles,
-                         double reach, bool linearize_at_end, std::vector<Contact>& out) const {
+                         double reach, std::vector<Contact>& out) const {
   for (int o = 0; o < static_cast<int>(obstacles.size()); ++o) {
+    const auto* plane = std::get_if<PlaneShape>(&obstacles[o].shape);
+    if (plane == nullptr) continue;
     for (const Group& group : groups_) {
-      if (!(clearance(group, x_end, obstacles[o]) < reach)) continue;
+      if (!(clearance(group, x_end, *plane) < reach)) continue;
       for (int i = group.begin; i < group.end; ++i) {
-        const Proximity at_end = proximity(obstacles[o], interpolate(group.node, weight_[i], x_end));
-        if (!(at_end.gap < reach)) continue;
+        if (!(gap(*plane, interpolate(group.node, weight_[i], x_end)) < reach)) continue;
         Contact c;
-        c.key = (static_cast<std::int64_t>(o) << 32) | static_cast<std::int64_t>(vertex_[i]);
-        c.first = {body, group.node, weight_[i]};
-        c.patch = group.tetrahedron;
+        c.key = c.track = contactKey(static_cast<std::uint64_t>(body), static_cast<std::uint64_t>(o),
+                                     static_cast<std::uint64_t>(vertex_[i]));
+        c.first.body = body;
+        for (int k = 0; k < 4; ++k) c.first.add(group.node[k], weight_[i][k]);
+        c.patch = static_cast<std::uint64_t>(group.tetrahedron);
         c.partner = o;
-        c.friction = obstacles[o].friction.value_or(friction_);
-        linearize(c, x_start, x_end, obstacles[o], linearize_at_end);
+        linearize(c, x_start, x_end, *plane);
         out.push_back(c);
       }
     }
@@ -127,68 +84,26 @@ void ContactFinder::find(int body, const VecX& x_start, const VecX& x_end, const
 Contact ContactFinder::follow(const Contact& earlier, const VecX& x_start, const VecX& x_end,
                               const std::vector<Obstacle>& obstacles) const {
   Contact c = earlier;
-  linearize(c, x_start, x_end, obstacles[static_cast<std::size_t>(c.partner)], false);
+  c.capped = false;
+  linearize(c, x_start, x_end, std::get<PlaneShape>(obstacles[static_cast<std::size_t>(c.partner)].shape));
   return c;
 }
 
 void ContactFinder::nearbyNodes(const VecX& x, const std::vector<Obstacle>& obstacles, double reach,
                                 std::vector<int>& nodes) const {
-  std::vector<char> seen(nodes_, 0);
   for (const Group& group : groups_) {
     for (const Obstacle& obstacle : obstacles) {
-      if (!(clearance(group, x, obstacle) < reach)) continue;
+      const auto* plane = std::get_if<PlaneShape>(&obstacle.shape);
+      if (plane == nullptr || !(clearance(group, x, *plane) < reach)) continue;
       bool near = false;
       for (int i = group.begin; i < group.end && !near; ++i) {
-        near = proximity(obstacle, interpolate(group.node, weight_[i], x)).gap < reach;
+        near = gap(*plane, interpolate(group.node, weight_[i], x)) < reach;
       }
       if (!near) continue;
-      for (const int n : group.node) {
-        if (!seen[n]) nodes.push_back(n);
-        seen[n] = 1;
-      }
+      nodes.insert(nodes.end(), group.node.begin(), group.node.end());
       break;
     }
   }
-}
-
-std::vector<int> reduceContacts(const std::vector<Contact>& candidates, const std::vector<std::int64_t>& kept_keys,
-                                double spacing) {
-  std::vector<int> order(candidates.size());
-  std::iota(order.begin(), order.end(), 0);
-  std::stable_sort(order.begin(), order.end(), [&](int a, int b) {
-    return std::pair(candidates[a].partner, candidates[a].patch) <
-           std::pair(candidates[b].partner, candidates[b].patch);
-  });
-  std::vector<int> proposals;
-  std::vector<char> kept(candidates.size(), 0);
-  std::vector<int> patch;
-  for (std::size_t i = 0; i < order.size();) {
-    patch.clear();
-    const Contact& head = candidates[order[i]];
-    for (; i < order.size() && candidates[order[i]].partner == head.partner && candidates[order[i]].patch == head.patch;
-         ++i) {
-      if (std::binary_search(kept_keys.begin(), kept_keys.end(), candidates[order[i]].key)) {
-        kept[order[i]] = 1;
-        proposals.push_back(order[i]);
-      }
-      patch.push_back(order[i]);
-    }
-    extremePoints(candidates, patch, proposals);
-  }
-  std::sort(proposals.begin(), proposals.end(), [&](int a, int b) {
-    if (kept[a] != kept[b]) return kept[a] > kept[b];
-    if (candidates[a].end_gap != candidates[b].end_gap) return candidates[a].end_gap < candidates[b].end_gap;
-    return candidates[a].key < candidates[b].key;
-  });
-  std::vector<int> chosen;
-  for (const int i : proposals) {
-    const bool crowded = std::any_of(chosen.begin(), chosen.end(), [&](int j) {
-      return i == j || (!kept[i] && candidates[j].partner == candidates[i].partner &&
-                        (candidates[i].position - candidates[j].position).squaredNorm() < spacing * spacing);
-    });
-    if (!crowded) chosen.push_back(i);
-  }
-  return chosen;
 }
 
 }  // namespace palpate

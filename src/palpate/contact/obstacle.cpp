@@ -1,54 +1,45 @@
 #include "palpate/contact/obstacle.h"
 
-#include <algorithm>
 #include <cmath>
+
+#include "palpate/mesh/shapes.h"
 
 namespace palpate {
 namespace {
 
-Proximity toBall(const Vec3& center, double radius, const Vec3& point) {
-  const Vec3 d = point - center;
-  const double distance = d.norm();
-  return {distance - radius, distance > 1e-12 ? Vec3(d / distance) : Vec3::UnitZ()};
+constexpr int kSphereLevels = 4;      // 2,048 triangles
+constexpr int kCapsuleSegments = 48;  // around
+
+Surface placed(Surface surface, const Pose& pose) {
+  for (Vec3& p : surface.vertices) p = pose.apply(p);
+  return surface;
 }
 
-Proximity toShape(const PlaneShape& plane, const Vec3& point) {
-  return {plane.normal.dot(point - plane.point), plane.normal};
+std::optional<Surface> surfaceOfShape(const PlaneShape&) { return std::nullopt; }
+
+std::optional<Surface> surfaceOfShape(const MeshShape& mesh) { return mesh.surface; }
+
+std::optional<Surface> surfaceOfShape(const BoxShape& box) {
+  return placed(boxSurface(2.0 * box.half_extents), box.pose);
 }
 
-Proximity toShape(const SphereShape& sphere, const Vec3& point) { return toBall(sphere.center, sphere.radius, point); }
+std::optional<Surface> surfaceOfShape(const SphereShape& sphere) {
+  return placed(sphereSurface(sphere.radius, kSphereLevels), {sphere.center, Quat::Identity()});
+}
 
-Proximity toShape(const CapsuleShape& capsule, const Vec3& point) {
+std::optional<Surface> surfaceOfShape(const CapsuleShape& capsule) {
   const Vec3 axis = capsule.b - capsule.a;
-  const double length2 = axis.squaredNorm();
-  const double t = length2 > 0 ? std::clamp((point - capsule.a).dot(axis) / length2, 0.0, 1.0) : 0.0;
-  return toBall(capsule.a + t * axis, capsule.radius, point);
-}
-
-Proximity toShape(const BoxShape& box, const Vec3& point) {
-  const Vec3 local = box.pose.rotation.conjugate() * (point - box.pose.position);
-  const Vec3 excess = local.cwiseAbs() - box.half_extents;
-  Vec3 normal;
-  double gap = 0;
-  if (excess.maxCoeff() > 0) {
-    const Vec3 outside = excess.cwiseMax(0.0);
-    gap = outside.norm();
-    normal = outside / gap;
-  } else {
-    int axis = 0;
-    gap = excess.maxCoeff(&axis);
-    normal = Vec3::Unit(axis);
-  }
-  for (int k = 0; k < 3; ++k) {
-    if (local[k] < 0) normal[k] = -normal[k];
-  }
-  return {gap, box.pose.rotation * normal};
+  const Vec3 center = 0.5 * (capsule.a + capsule.b);
+  const double length = axis.norm();
+  if (!(length > 0)) return surfaceOfShape(SphereShape{center, capsule.radius});
+  return placed(capsuleSurface(capsule.radius, length, kCapsuleSegments),
+                {center, Quat::FromTwoVectors(Vec3::UnitZ(), axis)});
 }
 
 }  // namespace
 
-Proximity proximity(const Obstacle& obstacle, const Vec3& point) {
-  return std::visit([&](const auto& shape) { return toShape(shape, point); }, obstacle.shape);
+std::optional<Surface> surfaceOf(const Obstacle& obstacle) {
+  return std::visit([](const auto& shape) { return surfaceOfShape(shape); }, obstacle.shape);
 }
 
 }  // namespace palpate

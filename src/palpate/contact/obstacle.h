@@ -5,6 +5,7 @@
 #include <variant>
 
 #include "palpate/math/types.h"
+#include "palpate/mesh/types.h"
 
 namespace palpate {
 
@@ -27,20 +28,23 @@ struct CapsuleShape {
   double radius = 0.02;  ///< [m]
 };
 
+/// Closed surface in world coordinates, triangles counter-clockwise from outside; an open one is a thin sheet.
+struct MeshShape {
+  Surface surface;
+};
+
 /// Fixed solid that bodies touch.
 struct Obstacle {
-  std::variant<PlaneShape, BoxShape, SphereShape, CapsuleShape> shape;
+  std::variant<PlaneShape, BoxShape, SphereShape, CapsuleShape, MeshShape> shape;
   std::optional<double> friction;  ///< Coulomb coefficient against any body; absent: the body's own
   std::string name;
 };
 
-struct Proximity {
-  double gap = 0;               ///< signed distance from the solid, negative inside [m]
-  Vec3 normal = Vec3::UnitZ();  ///< unit gradient of the gap: out of the solid
-};
+/// Signed distance from the plane [m].
+inline double gap(const PlaneShape& plane, const Vec3& point) { return plane.normal.dot(point - plane.point); }
 
-/// Signed distance and its gradient. Where the gradient is not unique (center of a sphere, axis of a capsule, inner
-/// skeleton of a box) one fixed choice is made.
-Proximity proximity(const Obstacle& obstacle, const Vec3& point);
+/// Triangle surface of a solid, in world coordinates; none for a plane, which needs none. Spheres and capsules deviate
+/// from their triangles by less than 1e-3 of the radius.
+std::optional<Surface> surfaceOf(const Obstacle& obstacle);
 
 }  // namespace palpate

@@ -10,7 +10,7 @@
 namespace palpate {
 namespace {
 
-void checkMaterial(const Material& m) {
+void checkElementMaterial(const ElementMaterial& m) {
   const auto positive = [](double value, const char* key) {
     if (!(value > 0) || !std::isfinite(value)) throw InputError("material", key, "must be positive and finite");
   };
@@ -19,6 +19,9 @@ void checkMaterial(const Material& m) {
   if (!(m.poisson_ratio > -1.0 && m.poisson_ratio < 0.5)) {
     throw InputError("material", "poisson_ratio", "must lie in (-1, 0.5)");
   }
+}
+
+void checkDamping(const Material& m) {
   if (!(m.damping_alpha >= 0 && m.damping_beta >= 0) || !std::isfinite(m.damping_alpha + m.damping_beta)) {
     throw InputError("material", "damping", "must be finite and not negative");
   }
@@ -32,7 +35,7 @@ Mat3 restEdges(const SimulationMesh& mesh, int index) {
   return edges;
 }
 
-ElasticElement makeElement(const SimulationMesh& mesh, int index, const Material& material) {
+ElasticElement makeElement(const SimulationMesh& mesh, int index, const ElementMaterial& material) {
   ElasticElement e;
   e.node = mesh.mesh.tetrahedra[index];
   const Mat3 edges = restEdges(mesh, index);
@@ -59,15 +62,35 @@ double elementEnergy(const ElasticElement& e, const Mat3& rotation, const Mat3& 
 
 }  // namespace
 
-ElasticMesh::ElasticMesh(const SimulationMesh& mesh, const Material& material) : material_(material) {
-  checkMaterial(material);
+std::vector<Vec3> elementCentroids(const TetrahedralMesh& mesh) {
+  std::vector<Vec3> centroids;
+  centroids.reserve(mesh.tetrahedra.size());
+  for (const std::array<int, 4>& t : mesh.tetrahedra)
+    centroids.push_back(0.25 * (mesh.nodes[t[0]] + mesh.nodes[t[1]] + mesh.nodes[t[2]] + mesh.nodes[t[3]]));
+  return centroids;
+}
+
+ElasticMesh::ElasticMesh(const SimulationMesh& mesh, const Material& material) : ElasticMesh(mesh, material, {}) {}
+
+ElasticMesh::ElasticMesh(const SimulationMesh& mesh, const Material& material,
+                         const std::vector<ElementMaterial>& per_element)
+    : material_(material) {
+  const std::size_t count = mesh.mesh.tetrahedra.size();
+  if (!per_element.empty() && per_element.size() != count)
+    throw InputError("material", "",
+                     std::to_string(per_element.size()) + " materials for " + std::to_string(count) + " tetrahedra");
+  const ElementMaterial uniform{material.youngs_modulus, material.poisson_ratio, material.density};
+  checkElementMaterial(uniform);
+  checkDamping(material);
   mass_ = VecX::Zero(static_cast<Eigen::Index>(mesh.mesh.nodes.size()));
-  elements_.reserve(mesh.mesh.tetrahedra.size());
-  for (int i = 0; i < static_cast<int>(mesh.mesh.tetrahedra.size()); ++i) {
-    elements_.push_back(makeElement(mesh, i, material));
+  elements_.reserve(count);
+  for (int i = 0; i < static_cast<int>(count); ++i) {
+    const ElementMaterial& own = per_element.empty() ? uniform : per_element[i];
+    if (!per_element.empty()) checkElementMaterial(own);
+    elements_.push_back(makeElement(mesh, i, own));
     const ElasticElement& e = elements_.back();
     const double volume = restEdges(mesh, i).determinant() / 6.0;
-    for (int k = 0; k < 4; ++k) mass_[e.node[k]] += material.density * volume * mesh.share[i][k];
+    for (int k = 0; k < 4; ++k) mass_[e.node[k]] += own.density * volume * mesh.share[i][k];
   }
   for (int n = 0; n < nodes(); ++n) {
     if (!(mass_[n] >= 0)) throw InputError("mesh", "node " + std::to_string(n), "has negative mass");

@@ -9,7 +9,7 @@
 
 namespace palpate {
 
-/// Homogeneous isotropic material with Rayleigh damping D = alpha M + beta K.
+/// Isotropic material with Rayleigh damping D = alpha M + beta K.
 struct Material {
   double youngs_modulus = 2e4;  ///< [Pa]
   double poisson_ratio = 0.4;
@@ -17,6 +17,16 @@ struct Material {
   double damping_alpha = 0.0;   ///< [1/s]; drag against the world, left out of the coupling wrench
   double damping_beta = 0.002;  ///< [s]
 };
+
+/// What may differ from tetrahedron to tetrahedron. Damping may not: D is proportional to M and K of the whole body.
+struct ElementMaterial {
+  double youngs_modulus = 2e4;  ///< [Pa]
+  double poisson_ratio = 0.4;
+  double density = 1000.0;  ///< [kg/m^3]
+};
+
+/// Centroids of the tetrahedra [m], which decide to what part of a body each belongs.
+std::vector<Vec3> elementCentroids(const TetrahedralMesh& mesh);
 
 /// Corotational linear tetrahedron (Mueller and Gross 2004, "Interactive virtual materials"). With c_i = R grad N_i and
 /// the Lame constants times the material's volume, lambda and mu,
@@ -50,8 +60,12 @@ class ElasticMesh {
  public:
   /// @throws InputError for an element of non-positive or non-finite volume, or material out of range
   ElasticMesh(const SimulationMesh& mesh, const Material& material);
+  /// The same with a material for each tetrahedron; of `material` only the damping counts then. Empty: uniform.
+  /// @throws InputError also if there is neither none nor one for each tetrahedron
+  ElasticMesh(const SimulationMesh& mesh, const Material& material, const std::vector<ElementMaterial>& per_element);
 
   int nodes() const { return static_cast<int>(mass_.size()); }
+  /// Damping of the body; stiffness and density are those of elements without a material of their own.
   const Material& material() const { return material_; }
   const VecX& mass() const { return mass_; }  ///< lumped, a node [kg]
   const std::vector<ElasticElement>& elements() const { return elements_; }

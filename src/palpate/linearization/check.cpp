@@ -6,6 +6,7 @@
 #include <Eigen/SparseCore>
 #include <algorithm>
 #include <cmath>
+#include <utility>
 #include <vector>
 
 #include "palpate/common/error.h"
@@ -33,54 +34,158 @@ Mat12 referenceStiffness(const ElasticElement& e) {
   return b.transpose() * d * b;
 }
 
-/// The step written the slow way. Unknowns: velocities of the free nodes, then the handle's twist.
-class SlowStep {
+/// One body's step without contact, written the slow way. Unknowns: velocities of the free nodes, then the twist of its
+/// frame if it has one.
+class SlowBody {
  public:
-  SlowStep(const World& world, bool frozen)
-      : world_(world), tool_(world.tool()), set_(world.toolContacts()), frozen_(frozen) {
-    for (const ElasticElement& e : tool_.elasticity().elements()) {
+  explicit SlowBody(const Body& body) : body_(body) {
+    for (const ElasticElement& e : body.elasticity().elements()) {
       stiffness_.push_back(referenceStiffness(e));
       rotation_.push_back(e.rotation);
     }
-    if (frozen_) buildSystem(tool_.startPose());
   }
 
-  /// Fc for a handle that starts elsewhere.
-  Vec6 force(const Pose& pose, const Vec6& twist) {
-    const Body& t = tool_;
-    const Handle& handle = t.handle();
-    VecX x = t.startPositions();
-    for (std::size_t k = 0; k < handle.nodes.size(); ++k)
-      x.segment<3>(3 * handle.nodes[k]) = pose.apply(handle.offsets[k]);
-    if (!frozen_) {
-      for (std::size_t e = 0; e < rotation_.size(); ++e) {
-        const ElasticElement& element = t.elasticity().elements()[e];
-        rotation_[e] = polarRotation(element.deformationGradient(x), element.rotation);
+  int unknowns() const { return frameColumn() + (body_.framed() ? 6 : 0); }
+  Pose startPose() const { return body_.framed() ? body_.startPose() : Pose{}; }
+
+  /// Positions at the start of the step for a frame that starts elsewhere.
+  VecX positions(const Pose& pose) const {
+    VecX x = body_.startPositions();
+    if (!body_.framed()) return x;
+    const Handle& frame = body_.handle();
+    for (std::size_t k = 0; k < frame.nodes.size(); ++k)
+      x.segment<3>(3 * frame.nodes[k]) = pose.apply(frame.offsets[k]);
+    return x;
+  }
+
+  void turnElements(const VecX& x) {
+    for (std::size_t e = 0; e < rotation_.size(); ++e) {
+      const ElasticElement& element = body_.elasticity().elements()[e];
+      rotation_[e] = polarRotation(element.deformationGradient(x), element.rotation);
+    }
+  }
+
+  VecX elasticForces(const VecX& x) const {
+    VecX f = VecX::Zero(x.size());
+    for (std::size_t e = 0; e < stiffness_.size(); ++e) {
+      const auto& node = body_.elasticity().elements()[e].node;
+      Vec12 d;
+      for (int k = 0; k < 4; ++k) {
+        d.segment<3>(3 * k) = rotation_[e].transpose() * x.segment<3>(3 * node[k]) - body_.mesh().mesh.nodes[node[k]];
       }
-      buildSystem(pose);
+      const Vec12 local = stiffness_[e] * d;
+      for (int k = 0; k < 4; ++k) f.segment<3>(3 * node[k]) -= rotation_[e] * local.segment<3>(3 * k);
     }
-    const VecX f = elasticForces(x);
-    const VecX b = rightHandSide(pose, twist, f);
-    const MatX j = contactRows(frozen_ ? t.startPose() : pose);
-    const VecX gap = gaps(x);
-    VecX v = solver_.solve(b);
-    VecX lambda = VecX::Zero(j.rows());
-    if (j.rows() > 0) {
-      const MatX response = solver_.solve(MatX(j.transpose()));
-      lambda = solveStates(j * response, j * v, gap);
-      v += response * lambda;
+    return f;
+  }
+
+  void buildSystem(const Pose& pose) {
+    const double h = body_.input().step;
+    const Material& material = body_.elasticity().material();
+    std::vector<Eigen::Triplet<double>> entries;
+    Mat6 frame = Mat6::Zero();
+    for (std::size_t e = 0; e < stiffness_.size(); ++e) addElement(e, pose, entries, frame);
+    for (int i = 0; i < body_.nodes(); ++i) {
+      if (body_.row()[i] < 0) continue;
+      addBlock(entries, 3 * body_.row()[i], 3 * body_.row()[i],
+               Mat3((1 + h * material.damping_alpha) * body_.elasticity().mass()[i] * Mat3::Identity()));
     }
-    return wrench(pose, f, v, lambda, j);
+    if (body_.framed()) {
+      addFrame(pose, frame);
+      addBlock(entries, frameColumn(), frameColumn(), MatX(frame));
+    }
+    Sparse a(unknowns(), unknowns());
+    a.setFromTriplets(entries.begin(), entries.end());
+    solver_.compute(a);
+    if (solver_.info() != Eigen::Success) throw RunError("check: the step's matrix is not positive definite");
+    system_pose_ = pose;
+  }
+
+  MatX solve(const MatX& right) const { return solver_.solve(right); }
+
+  VecX rightHandSide(const Pose& pose, const Vec6& twist, const VecX& f) const {
+    const StepInput& in = body_.input();
+    const double h = in.step;
+    VecX b(unknowns());
+    Vec6 wrench = Vec6::Zero();
+    for (int i = 0; i < body_.nodes(); ++i) {
+      const double m = body_.elasticity().mass()[i];
+      if (body_.row()[i] >= 0) {
+        b.segment<3>(3 * body_.row()[i]) =
+            m * body_.startVelocities().segment<3>(3 * i) + h * (f.segment<3>(3 * i) + m * in.gravity);
+      } else {  // with the weight's lever arms, node by node
+        const Vec3 force = f.segment<3>(3 * i) + m * in.gravity;
+        wrench.head<3>() += force;
+        wrench.tail<3>() += (pose.rotation * body_.handle().offsets[body_.attachedIndex()[i]]).cross(force);
+      }
+    }
+    if (!body_.framed()) return b;
+    const Handle& frame = body_.handle();
+    wrench.head<3>() += (frame.mass - frame.attached_mass) * in.gravity;
+    if (body_.held()) {
+      wrench -= linkWrenchOnDevice(in.link, pose, Vec6::Zero(), in.device.pose, in.device.twist);
+    }
+    const Mat3 live = pose.matrix() * frame.inertia * pose.matrix().transpose();
+    const Vec3 w = twist.tail<3>();
+    wrench.tail<3>() -= w.cross(live * w);
+    Vec6 momentum;
+    momentum.head<3>() = frame.mass * twist.head<3>();
+    momentum.tail<3>() = inertia_ * twist.tail<3>();  // that of A
+    b.tail<6>() = momentum + h * wrench;
+    return b;
+  }
+
+  /// Rows of all contacts, in this body's unknowns.
+  MatX contactRows(const ContactSet& set, int self, const Pose& pose) const {
+    MatX j = MatX::Zero(static_cast<Eigen::Index>(3 * set.contacts.size()), unknowns());
+    for (std::size_t i = 0; i < set.contacts.size(); ++i) {
+      const Contact& c = set.contacts[i];
+      for (const auto& [point, sign] : {std::pair(&c.first, 1.0), std::pair(&c.second, -1.0)}) {
+        if (point->body != self) continue;
+        for (int k = 0; k < point->count; ++k) {
+          const int row = body_.row()[point->node[k]];
+          const MatX block = row >= 0 ? MatX(Mat3::Identity()) : MatX(jacobian(point->node[k], pose));
+          j.block(static_cast<Eigen::Index>(3 * i), row >= 0 ? 3 * row : frameColumn(), 3, block.cols()) +=
+              sign * point->weight[k] * c.frame() * block;
+        }
+      }
+    }
+    return j;
+  }
+
+  /// Coupling wrench of the handle.
+  Vec6 wrench(const Pose& pose, const VecX& f, const VecX& v) const {
+    const double time = body_.input().step + body_.elasticity().material().damping_beta;
+    VecX end = f;
+    const Vec6 u = v.tail<6>();
+    for (std::size_t e = 0; e < stiffness_.size(); ++e) {
+      const auto& node = body_.elasticity().elements()[e].node;
+      Vec12 velocity;
+      for (int k = 0; k < 4; ++k) {
+        const int row = body_.row()[node[k]];
+        velocity.segment<3>(3 * k) = row >= 0 ? Vec3(v.segment<3>(3 * row)) : Vec3(jacobian(node[k], system_pose_) * u);
+      }
+      const Vec12 force = -time * (rotatedStiffness(e) * velocity);
+      for (int k = 0; k < 4; ++k) end.segment<3>(3 * node[k]) += force.segment<3>(3 * k);
+    }
+    Vec6 out = Vec6::Zero();
+    const Handle& handle = body_.handle();
+    for (std::size_t k = 0; k < handle.nodes.size(); ++k) {
+      const Vec3 force = end.segment<3>(3 * handle.nodes[k]);
+      out.head<3>() += force;
+      out.tail<3>() += (pose.rotation * handle.offsets[k]).cross(force);
+    }
+    return out;
   }
 
  private:
-  int handleColumn() const { return 3 * tool_.freeNodes(); }
+  int frameColumn() const { return 3 * body_.freeNodes(); }
 
-  // G of node n for a handle rotation: dv = [I, -[R r]x] u
+  // G of node n for a rotation of the frame: dv = [I, -[R r]x] u
   Eigen::Matrix<double, 3, 6> jacobian(int n, const Pose& pose) const {
     Eigen::Matrix<double, 3, 6> g;
     g.leftCols<3>().setIdentity();
-    g.rightCols<3>() = -skew(pose.rotation * tool_.handle().offsets[tool_.attachedIndex()[n]]);
+    g.rightCols<3>() = -skew(pose.rotation * body_.handle().offsets[body_.attachedIndex()[n]]);
     return g;
   }
 
@@ -90,69 +195,42 @@ class SlowStep {
     return r * stiffness_[e] * r.transpose();
   }
 
-  VecX elasticForces(const VecX& x) const {
-    VecX f = VecX::Zero(x.size());
-    for (std::size_t e = 0; e < stiffness_.size(); ++e) {
-      const auto& node = tool_.elasticity().elements()[e].node;
-      Vec12 d;
-      for (int k = 0; k < 4; ++k) {
-        d.segment<3>(3 * k) = rotation_[e].transpose() * x.segment<3>(3 * node[k]) - tool_.mesh().mesh.nodes[node[k]];
-      }
-      const Vec12 local = stiffness_[e] * d;
-      for (int k = 0; k < 4; ++k) f.segment<3>(3 * node[k]) -= rotation_[e] * local.segment<3>(3 * k);
-    }
-    return f;
-  }
-
-  void buildSystem(const Pose& pose) {
-    const Body& t = tool_;
-    const double h = t.input().step;
-    const Material& material = t.elasticity().material();
-    const int n = handleColumn() + 6;
-    std::vector<Eigen::Triplet<double>> entries;
-    Eigen::Matrix<double, 6, 6> hh = Eigen::Matrix<double, 6, 6>::Zero();
-    for (std::size_t e = 0; e < stiffness_.size(); ++e) {
-      const auto& node = t.elasticity().elements()[e].node;
-      const Mat12 k = t.stiffnessScale() * rotatedStiffness(e);
-      for (int i = 0; i < 4; ++i) {
-        for (int j = 0; j < 4; ++j) {
-          const int ri = t.row()[node[i]];
-          const int rj = t.row()[node[j]];
-          const Mat3 block = k.block<3, 3>(3 * i, 3 * j);
-          if (ri >= 0 && rj >= 0) {
-            addBlock(entries, 3 * ri, 3 * rj, block);
-          } else if (ri >= 0) {
-            const Eigen::Matrix<double, 3, 6> g = block * jacobian(node[j], pose);
-            addBlock(entries, 3 * ri, handleColumn(), g);
-            addBlock(entries, handleColumn(), 3 * ri, MatX(g.transpose()));
-          } else if (rj < 0) {
-            hh += jacobian(node[i], pose).transpose() * block * jacobian(node[j], pose);
-          }
+  void addElement(std::size_t e, const Pose& pose, std::vector<Eigen::Triplet<double>>& entries, Mat6& frame) const {
+    const auto& node = body_.elasticity().elements()[e].node;
+    const Mat12 k = body_.stiffnessScale() * rotatedStiffness(e);
+    for (int i = 0; i < 4; ++i) {
+      for (int j = 0; j < 4; ++j) {
+        const int ri = body_.row()[node[i]];
+        const int rj = body_.row()[node[j]];
+        const Mat3 block = k.block<3, 3>(3 * i, 3 * j);
+        if (ri >= 0 && rj >= 0) {
+          addBlock(entries, 3 * ri, 3 * rj, block);
+        } else if (ri >= 0) {
+          const Eigen::Matrix<double, 3, 6> g = block * jacobian(node[j], pose);
+          addBlock(entries, 3 * ri, frameColumn(), g);
+          addBlock(entries, frameColumn(), 3 * ri, MatX(g.transpose()));
+        } else if (rj < 0) {
+          frame += jacobian(node[i], pose).transpose() * block * jacobian(node[j], pose);
         }
       }
     }
-    for (int i = 0; i < t.nodes(); ++i) {
-      if (t.row()[i] < 0) continue;
-      addBlock(entries, 3 * t.row()[i], 3 * t.row()[i],
-               Mat3((1 + h * material.damping_alpha) * t.elasticity().mass()[i] * Mat3::Identity()));
-    }
+  }
+
+  void addFrame(const Pose& pose, Mat6& frame) {
+    const Handle& handle = body_.handle();
+    const double h = body_.input().step;
+    const double drag = h * body_.elasticity().material().damping_alpha;
     const Mat3 r = pose.matrix();
-    const LinkParameters& link = t.input().link;
-    hh.topLeftCorner<3, 3>() += (t.handle().mass + h * material.damping_alpha * t.handle().attached_mass +
-                                 h * link.damping + h * h * link.stiffness) *
-                                Mat3::Identity();
-    const Mat3 jl = leftJacobianInverse(logRotation(pose.rotation * t.input().device.pose.rotation.conjugate()));
-    hh.bottomRightCorner<3, 3>() +=
-        r * (t.handle().inertia + h * material.damping_alpha * t.handle().attached_inertia) * r.transpose() +
-        h * link.rotational_damping * Mat3::Identity() +
-        0.5 * h * h * link.rotational_stiffness * (jl + jl.transpose());
-    addBlock(entries, handleColumn(), handleColumn(), MatX(hh));
-    Sparse a(n, n);
-    a.setFromTriplets(entries.begin(), entries.end());
-    solver_.compute(a);
-    if (solver_.info() != Eigen::Success) throw RunError("check: the step's matrix is not positive definite");
-    inertia_ = r * t.handle().inertia * r.transpose();
-    system_pose_ = pose;
+    frame.topLeftCorner<3, 3>() += (handle.mass + drag * handle.attached_mass) * Mat3::Identity();
+    frame.bottomRightCorner<3, 3>() += r * (handle.inertia + drag * handle.attached_inertia) * r.transpose();
+    if (body_.held()) {
+      const LinkParameters& link = body_.input().link;
+      const Mat3 jl = leftJacobianInverse(logRotation(pose.rotation * body_.input().device.pose.rotation.conjugate()));
+      frame.topLeftCorner<3, 3>() += (h * link.damping + h * h * link.stiffness) * Mat3::Identity();
+      frame.bottomRightCorner<3, 3>() += h * link.rotational_damping * Mat3::Identity() +
+                                         0.5 * h * h * link.rotational_stiffness * (jl + jl.transpose());
+    }
+    inertia_ = r * handle.inertia * r.transpose();
   }
 
   template <typename Block>
@@ -162,57 +240,70 @@ class SlowStep {
     }
   }
 
-  VecX rightHandSide(const Pose& pose, const Vec6& twist, const VecX& f) const {
-    const Body& t = tool_;
-    const StepInput& in = t.input();
-    const double h = in.step;
-    VecX b(handleColumn() + 6);
-    Vec6 wrench = Vec6::Zero();
-    for (int i = 0; i < t.nodes(); ++i) {
-      const double m = t.elasticity().mass()[i];
-      if (t.row()[i] >= 0) {
-        b.segment<3>(3 * t.row()[i]) =
-            m * t.startVelocities().segment<3>(3 * i) + h * (f.segment<3>(3 * i) + m * in.gravity);
-      } else {  // with the weight's lever arms, node by node
-        const Vec3 force = f.segment<3>(3 * i) + m * in.gravity;
-        wrench.head<3>() += force;
-        wrench.tail<3>() += (pose.rotation * t.handle().offsets[t.attachedIndex()[i]]).cross(force);
-      }
+  const Body& body_;
+  std::vector<Mat12> stiffness_;
+  std::vector<Mat3> rotation_;
+  Eigen::SimplicialLDLT<Sparse> solver_;
+  Mat3 inertia_ = Mat3::Zero();
+  Pose system_pose_;
+};
+
+/// The step of tool and all bodies that moved with it, the slow way.
+class SlowStep {
+ public:
+  SlowStep(const World& world, bool frozen)
+      : world_(world), tool_(world.tool()), set_(world.contacts()), frozen_(frozen), slow_tool_(world.tool()) {
+    slow_tool_.buildSystem(tool_.startPose());
+    const auto rows = static_cast<Eigen::Index>(3 * set_.contacts.size());
+    other_delassus_.setZero(rows, rows);
+    other_free_.setZero(rows);
+    for (const int index : set_.bodies) {
+      if (index == world.toolIndex() || rows == 0) continue;
+      SlowBody other(world.body(index));
+      const Pose pose = other.startPose();
+      other.buildSystem(pose);
+      const VecX f = other.elasticForces(other.positions(pose));
+      const Vec6 twist = world.body(index).framed() ? world.body(index).startTwist() : Vec6::Zero();
+      const MatX j = other.contactRows(set_, index, pose);
+      other_delassus_ += j * other.solve(j.transpose());
+      other_free_ += j * other.solve(other.rightHandSide(pose, twist, f));
     }
-    wrench.head<3>() += (t.handle().mass - t.handle().attached_mass) * in.gravity;
-    wrench -= linkWrenchOnDevice(in.link, pose, Vec6::Zero(), in.device.pose, in.device.twist);
-    const Mat3 live = pose.matrix() * t.handle().inertia * pose.matrix().transpose();
-    const Vec3 w = twist.tail<3>();
-    wrench.tail<3>() -= w.cross(live * w);
-    Vec6 momentum;
-    momentum.head<3>() = t.handle().mass * twist.head<3>();
-    momentum.tail<3>() = inertia_ * twist.tail<3>();  // that of A
-    b.tail<6>() = momentum + h * wrench;
-    return b;
   }
 
-  MatX contactRows(const Pose& pose) const {
-    MatX j = MatX::Zero(static_cast<Eigen::Index>(3 * set_.contacts.size()), handleColumn() + 6);
-    for (std::size_t i = 0; i < set_.contacts.size(); ++i) {
-      const ContactPoint& p = set_.contacts[i].first;
-      for (int k = 0; k < 4; ++k) {
-        const int row = tool_.row()[p.node[k]];
-        const MatX block = row >= 0 ? MatX(Mat3::Identity()) : MatX(jacobian(p.node[k], pose));
-        j.block(static_cast<Eigen::Index>(3 * i), row >= 0 ? 3 * row : handleColumn(), 3, block.cols()) +=
-            p.weight[k] * set_.contacts[i].frame() * block;
-      }
+  /// Fc for a handle that starts elsewhere.
+  Vec6 force(const Pose& pose, const Vec6& twist) {
+    const VecX x = slow_tool_.positions(pose);
+    if (!frozen_) {
+      slow_tool_.turnElements(x);
+      slow_tool_.buildSystem(pose);
     }
-    return j;
+    const VecX f = slow_tool_.elasticForces(x);
+    VecX v = slow_tool_.solve(slow_tool_.rightHandSide(pose, twist, f));
+    Vec6 contact = Vec6::Zero();
+    if (!set_.contacts.empty()) {
+      const MatX j = slow_tool_.contactRows(set_, world_.toolIndex(), frozen_ ? tool_.startPose() : pose);
+      const MatX response = slow_tool_.solve(j.transpose());
+      const VecX lambda = solveStates(j * response + other_delassus_, j * v + other_free_, gaps(x));
+      v += response * lambda;
+      contact = j.rightCols<6>().transpose() * lambda / tool_.input().step;
+    }
+    return slow_tool_.wrench(pose, f, v) + contact;
   }
 
+ private:
   VecX gaps(const VecX& x) const {
     VecX g(static_cast<Eigen::Index>(set_.contacts.size()));
     for (std::size_t i = 0; i < set_.contacts.size(); ++i) {
-      const ContactPoint& p = set_.contacts[i].first;
-      g[static_cast<Eigen::Index>(i)] = set_.contacts[i].gap;
-      for (int k = 0; k < 4; ++k) {
-        const Vec3 moved = x.segment<3>(3 * p.node[k]) - tool_.startPositions().segment<3>(3 * p.node[k]);
-        g[static_cast<Eigen::Index>(i)] += p.weight[k] * set_.contacts[i].normal.dot(moved);
+      const Contact& c = set_.contacts[i];
+      double& gap = g[static_cast<Eigen::Index>(i)];
+      gap = c.gap;
+      if (c.capped) continue;
+      for (const auto& [point, sign] : {std::pair(&c.first, 1.0), std::pair(&c.second, -1.0)}) {
+        if (point->body != world_.toolIndex()) continue;
+        for (int k = 0; k < point->count; ++k) {
+          const Vec3 moved = x.segment<3>(3 * point->node[k]) - tool_.startPositions().segment<3>(3 * point->node[k]);
+          gap += sign * point->weight[k] * c.normal.dot(moved);
+        }
       }
     }
     return g;
@@ -277,39 +368,13 @@ class SlowStep {
     return lambda;
   }
 
-  Vec6 wrench(const Pose& pose, const VecX& f, const VecX& v, const VecX& lambda, const MatX& j) const {
-    const Body& t = tool_;
-    const double time = t.input().step + t.elasticity().material().damping_beta;
-    VecX end = f;
-    const Vec6 u = v.tail<6>();
-    for (std::size_t e = 0; e < stiffness_.size(); ++e) {
-      const auto& node = t.elasticity().elements()[e].node;
-      Vec12 velocity;
-      for (int k = 0; k < 4; ++k) {
-        const int row = t.row()[node[k]];
-        velocity.segment<3>(3 * k) = row >= 0 ? Vec3(v.segment<3>(3 * row)) : Vec3(jacobian(node[k], system_pose_) * u);
-      }
-      const Vec12 force = -time * (rotatedStiffness(e) * velocity);
-      for (int k = 0; k < 4; ++k) end.segment<3>(3 * node[k]) += force.segment<3>(3 * k);
-    }
-    Vec6 out = j.rightCols<6>().transpose() * lambda / t.input().step;
-    for (std::size_t k = 0; k < t.handle().nodes.size(); ++k) {
-      const Vec3 force = end.segment<3>(3 * t.handle().nodes[k]);
-      out.head<3>() += force;
-      out.tail<3>() += (pose.rotation * t.handle().offsets[k]).cross(force);
-    }
-    return out;
-  }
-
   const World& world_;
   const Body& tool_;
   const ContactSet& set_;
   bool frozen_;
-  std::vector<Mat12> stiffness_;
-  std::vector<Mat3> rotation_;
-  Eigen::SimplicialLDLT<Sparse> solver_;
-  Mat3 inertia_ = Mat3::Zero();
-  Pose system_pose_;
+  SlowBody slow_tool_;
+  MatX other_delassus_;  // of the bodies that the handle's motion does not reach but through contact
+  VecX other_free_;
 };
 
 void centralDifferences(SlowStep& step, const Body& tool, double length, Mat6& kx, Mat6& kv) {
@@ -364,7 +429,7 @@ LinearizationCheck checkLinearization(World& world, const DeviceTarget& device, 
                                       const LinearizationSettings& settings) {
   if (world.evaluate(device, h).status == StepStatus::restored) throw RunError("check: the step failed");
   const Body& tool = world.tool();
-  const ContactSet& set = world.toolContacts();
+  const ContactSet& set = world.contacts();
   const HandleModel model = linearize(world, settings, 0.0);
   const double length = halfDiagonal(tool);
   LinearizationCheck out;

@@ -86,7 +86,7 @@ HandleContactTurn handleContactTurn(const Body& tool, const ContactSet& set, int
     const Vec3 impulse = frame.transpose() * set.impulse.segment<3>(row);
     const auto addPoint = [&](const ContactPoint& point, double sign) {
       if (point.body != self) return;
-      for (int k = 0; k < 4; ++k) {
+      for (int k = 0; k < point.count; ++k) {
         const int index = tool.attachedIndex()[point.node[k]];
         if (index < 0) continue;
         const Mat3 lever = skew(r * tool.handle().offsets[index]);
@@ -98,13 +98,6 @@ HandleContactTurn handleContactTurn(const Body& tool, const ContactSet& set, int
     addPoint(set.contacts[i].second, -1.0);
   }
   return out;
-}
-
-int toolIndex(const World& world) {
-  for (int i = 0; i < world.bodies(); ++i) {
-    if (&world.body(i) == &world.tool()) return i;
-  }
-  return -1;
 }
 
 // Active contacts whose normal rows are independent: pivoted Cholesky of W_nn, dropping what others determine to a
@@ -232,10 +225,11 @@ ContactResponse contactResponse(const ContactSet& set, const FrictionCone& cone,
 namespace {
 
 Vec6 withHandleContact(const World& world, Vec6 wrench) {
-  const Body& tool = world.tool();
-  const ContactSet& set = world.toolContacts();
-  if (!set.rows.empty()) wrench += set.rows.front().handle * set.impulse / tool.input().step;
-  return wrench;
+  const ContactSet& set = world.contacts();
+  const int tool = world.toolRows();
+  if (tool < 0 || set.contacts.empty()) return wrench;
+  const Body::ContactRows& rows = set.rows[tool];
+  return wrench + rows.handle * rows.gather(set.impulse) / world.tool().input().step;
 }
 
 }  // namespace
@@ -244,11 +238,12 @@ Vec6 couplingWrench(const World& world) { return withHandleContact(world, coupli
 
 HandleModel linearize(World& world, const LinearizationSettings& settings, double time) {
   Body& tool = world.tool();
-  const ContactSet& set = world.toolContacts();
+  const ContactSet& set = world.contacts();
   const double h = tool.input().step;
   const double stiffness_time = h + tool.elasticity().material().damping_beta;
   const bool full = settings.derivative == Derivative::full;
-  const bool touching = set.active() > 0;
+  const bool touching = set.active() > 0 && world.toolRows() >= 0;
+  const Body::ContactRows* own = touching ? &set.rows[world.toolRows()] : nullptr;
   const CouplingForces forces = couplingForces(tool);
   const HandleInputs inputs = handleInputs(tool, settings.derivative);
 
@@ -267,12 +262,12 @@ HandleModel linearize(World& world, const LinearizationSettings& settings, doubl
     handle_part += h * (terms.handle + forces.lever_end - forces.lever_start);
     force_part += terms.handle;
     if (touching) {
-      turn = handleContactTurn(tool, set, toolIndex(world));
+      turn = handleContactTurn(tool, set, world.toolIndex());
       handle_part += turn.wrench;
       force_part += turn.wrench / h;
       tool.factor().halfSolve(response);
-      const Eigen::Index k = set.rows.front().half.rows();
-      extra_rows = set.rows.front().half.transpose() * response.bottomRows(k);
+      const MatX columns = response.bottomRows(own->half.rows()).transpose() * own->half;
+      extra_rows = own->spread(columns, set.contacts.size()).transpose();
     }
   }
   Mat612 b_h;
@@ -285,21 +280,26 @@ HandleModel linearize(World& world, const LinearizationSettings& settings, doubl
   // needed, and X gives it.
   Mat612 du = tool.handleSchurInverse() * (b_h - x_b);
   Mat612 a_ht_dv = x_b;
-  MatX dlambda;
+  Mat612 handle_dlambda = Mat612::Zero();  // J_h^T dlambda
   if (touching) {
-    const Body::ContactRows& rows = set.rows.front();
-    const Mat6X j_t_x = rows.handle - rows.z;  // (J_t X)^T
-    MatX free_change = rows.z.transpose() * du;
+    // rows of all contacts: through W a contact of the tool answers for those of the bodies that it pushes
+    const Mat6X handle = own->spread(own->handle, set.contacts.size());
+    const Mat6X z = own->spread(own->z, set.contacts.size());
+    const Mat6X j_t_x = handle - z;  // (J_t X)^T
+    MatX free_change = z.transpose() * du;
     free_change.leftCols<6>() += scale * j_t_x.transpose();
     MatX given = MatX::Zero(free_change.rows(), 12);
-    for (Eigen::Index r = 0; r < given.rows(); r += 3) given.row(r).head<6>() = -rows.handle.col(r).transpose() / h;
+    for (Eigen::Index r = 0; r < given.rows(); r += 3) {
+      if (!set.contacts[r / 3].capped) given.row(r).head<6>() = -handle.col(r).transpose() / h;
+    }
     VecX row_velocity = set.delassus * set.impulse + set.free;
     if (full) {
       free_change.leftCols<6>() += extra_rows;
       given.leftCols<6>() -= turn.rows;
     }
-    dlambda = impulseResponse(set, world.contact.cone, row_velocity, settings.delassus, free_change, given);
-    du += tool.handleSchurInverse() * (rows.z * dlambda);
+    const MatX dlambda = impulseResponse(set, world.contact.cone, row_velocity, settings.delassus, free_change, given);
+    handle_dlambda = handle * dlambda;
+    du += tool.handleSchurInverse() * (z * dlambda);
     a_ht_dv += j_t_x * dlambda;
   }
   a_ht_dv -= q * du;
@@ -307,7 +307,7 @@ HandleModel linearize(World& world, const LinearizationSettings& settings, doubl
   // Steps 5 and 6: of the coupling wrench. (h K_HT + D_HT) v_t = A_ht v_t / h.
   Mat612 df = -stiffness_time * tool.handleStiffness() * du - a_ht_dv / h;
   df.leftCols<6>() += force_part;
-  if (touching) df += set.rows.front().handle * dlambda / h;
+  df += handle_dlambda / h;
 
   HandleModel model;
   model.force = withHandleContact(world, forces.wrench);

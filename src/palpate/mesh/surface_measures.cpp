@@ -1,9 +1,12 @@
 #include "palpate/mesh/surface_measures.h"
 
+#include <Eigen/Eigenvalues>
 #include <algorithm>
+#include <cmath>
 #include <map>
 #include <tuple>
 
+#include "palpate/common/error.h"
 #include "palpate/mesh/edge_table.h"
 
 namespace palpate {
@@ -58,6 +61,15 @@ SurfaceMeasures measureSurface(const Surface& surface) {
   m.center_of_mass = center + mean;
   m.inertia = covariance.trace() * Mat3::Identity() - covariance;
   return m;
+}
+
+MassProperties surfaceMassProperties(const Surface& surface, double density, const std::string& name) {
+  if (!(density > 0) || !std::isfinite(density)) throw InputError(name, "density", "must be positive and finite");
+  const SurfaceMeasures solid = measureSurface(surface);
+  const Eigen::SelfAdjointEigenSolver<Mat3> moments(solid.inertia, Eigen::EigenvaluesOnly);
+  if (!(solid.volume > 0) || !(moments.eigenvalues().minCoeff() > 0))
+    throw InputError(name, "", "bounds no volume; it must be closed and its triangles point outward");
+  return {density * solid.volume, solid.center_of_mass, density * solid.inertia};
 }
 
 SurfaceTopology inspectTopology(const Surface& surface) {

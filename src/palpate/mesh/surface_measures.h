@@ -1,5 +1,8 @@
 #pragma once
 
+#include <string>
+#include <vector>
+
 #include "palpate/mesh/types.h"
 
 namespace palpate {
@@ -14,6 +17,19 @@ struct SurfaceMeasures {
 
 /// By the divergence theorem: one signed tetrahedron a triangle. Exact for closed surfaces only (see capHoles).
 SurfaceMeasures measureSurface(const Surface& surface);
+
+/// Of a rigid body.
+struct MassProperties {
+  double mass = 0;                     ///< [kg]
+  Vec3 center_of_mass = Vec3::Zero();  ///< [m], in the surface's frame
+  Mat3 inertia = Mat3::Zero();         ///< [kg m^2] about the center of mass, along the surface's axes
+};
+
+/// Of the homogeneous solid inside a closed, outward-oriented surface; inner shells that point into a cavity leave it
+/// out. Exact for the polyhedron.
+/// @param density  [kg/m^3]
+/// @throws InputError(name, ...) unless the surface bounds a positive volume and the density is positive
+MassProperties surfaceMassProperties(const Surface& surface, double density, const std::string& name = "surface");
 
 /// How the triangles hang together. An edge is identified by its two vertex indices, so weld duplicates first.
 struct SurfaceTopology {

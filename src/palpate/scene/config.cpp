@@ -56,6 +56,10 @@ const char* toString(AimName aim) { return spelling(aimNames(), aim); }
 const char* toString(DerivativeName derivative) { return spelling(derivativeNames(), derivative); }
 const char* toString(DeviceName device) { return spelling(deviceNames(), device); }
 
+bool isSurface(const ShapeConfig& shape) {
+  return !std::holds_alternative<BarShapeConfig>(shape) && !std::holds_alternative<TetrahedraFileShapeConfig>(shape);
+}
+
 const HandleConfig& ToolConfig::chosenHandle() const {
   const auto chosen = [&](const HandleConfig& candidate) { return candidate.name == handle; };
   return *std::find_if(handles.begin(), handles.end(), chosen);
@@ -76,7 +80,8 @@ std::optional<std::string> timingObjection(const SceneConfig& config) {
 
 std::optional<std::string> sizeObjection(const SceneConfig& config) {
   double total = wantedTetrahedra(config.tool);
-  for (const FreeBodyConfig& body : config.bodies) total += wantedTetrahedra(body);
+  for (const FreeBodyConfig& body : config.bodies)
+    if (!body.rigid) total += wantedTetrahedra(body);
   if (total <= limits::tetrahedra) return std::nullopt;
   return fmt::format("the scene asks for {:.0f} tetrahedra; at most {} are allowed", total, limits::tetrahedra);
 }

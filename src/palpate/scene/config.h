@@ -10,6 +10,7 @@
 
 #include "palpate/devices/device.h"
 #include "palpate/math/types.h"
+#include "palpate/mesh/revolution.h"
 #include "palpate/solver/contact_solver.h"
 
 namespace palpate {
@@ -77,38 +78,21 @@ struct CapsuleShapeConfig {
   double radius = 0.0;  ///< [m]
   double length = 0.0;  ///< from tip to tip [m], >= 2 radius
 };
+/// Solid of revolution about z as a surface embedded in a lattice: plugs, rings, sockets, bowls.
+struct RevolutionShapeConfig {
+  RevolutionProfile profile;  ///< checked by profileObjection(); its z is that of the rest frame
+  int segments = 48;          ///< around the largest circle
+};
 /// Tetrahedral mesh from a file, simulated as it is; its boundary is the surface.
 struct TetrahedraFileShapeConfig {
   FileReference file;
 };
-using ShapeConfig = std::variant<AlienShapeConfig, SurfaceShapeConfig, BarShapeConfig, BoxShapeConfig,
-                                 SphereShapeConfig, CapsuleShapeConfig, TetrahedraFileShapeConfig>;
+using ShapeConfig =
+    std::variant<AlienShapeConfig, SurfaceShapeConfig, BarShapeConfig, BoxShapeConfig, SphereShapeConfig,
+                 CapsuleShapeConfig, RevolutionShapeConfig, TetrahedraFileShapeConfig>;
 
-/// Isotropic material with Rayleigh damping D = damping_alpha M + damping_beta K.
-struct MaterialConfig {
-  double youngs_modulus = 2e4;  ///< [Pa]
-  double poisson_ratio = 0.4;   ///< in (-1, 0.5)
-  double density = 1000.0;      ///< [kg/m^3]
-  double damping_alpha = 0.0;   ///< [1/s], drag against the world
-  double damping_beta = 0.002;  ///< [s]
-};
-
-/// What tool and bodies share.
-struct BodyConfig {
-  std::string name;
-  ShapeConfig shape;
-  int tetrahedra = 300;  ///< wanted count, for shapes that are embedded; BarShapeConfig and files have their own
-  Pose pose;             ///< of the rest frame in the world
-  MaterialConfig material;
-  std::optional<double> friction;  ///< coefficient; absent: ContactConfig::friction
-};
-
-/// A deformable body that nobody holds.
-struct FreeBodyConfig : BodyConfig {
-  Vec3 velocity = Vec3::Zero();          ///< at the start [m/s], world
-  Vec3 angular_velocity = Vec3::Zero();  ///< at the start [rad/s], world, about the rest frame's origin
-  bool settled = false;                  ///< starts in static equilibrium; otherwise in its rest shape
-};
+/// Whether the shape is a surface; the others are tetrahedral meshes.
+bool isSurface(const ShapeConfig& shape);
 
 // Regions of a body, in its rest coordinates [m]; nodes on the boundary belong to them.
 
@@ -137,6 +121,44 @@ struct LandmarkRegionConfig {
 };
 using RegionConfig =
     std::variant<SphereRegionConfig, BoxRegionConfig, CapsuleRegionConfig, HalfspaceRegionConfig, LandmarkRegionConfig>;
+
+/// Other material in a region; what the file leaves out is the body's.
+struct MaterialPartConfig {
+  RegionConfig region;
+  double youngs_modulus = 2e4;  ///< [Pa]
+  double poisson_ratio = 0.4;   ///< in (-1, 0.5)
+  double density = 1000.0;      ///< [kg/m^3]
+};
+
+/// Isotropic material with Rayleigh damping D = damping_alpha M + damping_beta K.
+struct MaterialConfig {
+  double youngs_modulus = 2e4;  ///< [Pa]
+  double poisson_ratio = 0.4;   ///< in (-1, 0.5)
+  double density = 1000.0;      ///< [kg/m^3]
+  double damping_alpha = 0.0;   ///< [1/s], drag against the world
+  double damping_beta = 0.002;  ///< [s]
+  /// A tetrahedron belongs to the last part that holds its centroid (scene/region.h), otherwise to the body.
+  std::vector<MaterialPartConfig> parts;
+};
+
+/// What tool and bodies share.
+struct BodyConfig {
+  std::string name;
+  ShapeConfig shape;
+  int tetrahedra = 300;  ///< wanted count, for shapes that are embedded; BarShapeConfig and files have their own
+  Pose pose;             ///< of the rest frame in the world
+  MaterialConfig material;
+  std::optional<double> friction;  ///< coefficient; absent: ContactConfig::friction
+  bool self_contact = true;        ///< its surface does not pass through itself; rigid bodies need none
+};
+
+/// A body that nobody holds.
+struct FreeBodyConfig : BodyConfig {
+  bool rigid = false;            ///< of the material only the density counts; the shape is a surface (isSurface())
+  Vec3 velocity = Vec3::Zero();  ///< at the start [m/s], world
+  Vec3 angular_velocity = Vec3::Zero();  ///< at the start [rad/s], world, about the rest frame's origin
+  bool settled = false;                  ///< starts in static equilibrium; otherwise in its rest shape; soft bodies
+};
 
 /// Where the hand wants the handle at a time, relative to the handle's start: p = p_start + position,
 /// R = exp(rotation) R_start, world frame.
@@ -191,19 +213,36 @@ struct CapsuleObstacleConfig {
   double radius = 0.0;  ///< [m]
 };
 
+/// Any closed surface.
+struct MeshObstacleConfig {
+  ShapeConfig shape;  ///< isSurface()
+  Pose pose;          ///< of the rest frame in the world
+};
+
 struct ObstacleConfig {
   std::string name;
-  std::variant<PlaneObstacleConfig, BoxObstacleConfig, SphereObstacleConfig, CapsuleObstacleConfig> geometry;
+  std::variant<PlaneObstacleConfig, BoxObstacleConfig, SphereObstacleConfig, CapsuleObstacleConfig, MeshObstacleConfig>
+      geometry;
   std::optional<double> friction;  ///< coefficient; goes before the body's
 };
 
+/// Friction between two things, or of one body with itself. No pair is named twice.
+struct FrictionPairConfig {
+  std::string first;  ///< "tool", a body or an obstacle; the two are not both obstacles
+  std::string second;
+  double value = 0.0;  ///< coefficient
+};
+
 struct ContactConfig {
-  double friction = 0.5;  ///< coefficient where neither obstacle nor body has its own
+  double friction = 0.5;                  ///< coefficient where neither pair, obstacle nor body has its own
+  std::vector<FrictionPairConfig> pairs;  ///< go before all other coefficients
   FrictionCone cone;
   double margin = 2e-4;                 ///< vertices predicted nearer than this without contact are candidates [m]
   double penetration_tolerance = 1e-5;  ///< another pass looks for missed contacts if one is deeper than this [m]
-  int max_passes = 8;                   ///< passes of finding and solving in a step
-  bool reduction = true;                ///< replace the surface's contact points by a few that say the same
+  std::optional<double> thickness;  ///< gap that surfaces keep [m]; absent: 0.2 % of the tool's bounding-box diagonal
+  double max_recovery_speed = 0.5;  ///< at which surfaces that overlap are pushed apart [m/s]
+  int max_passes = 8;               ///< passes of finding and solving in a step
+  bool reduction = true;            ///< replace the surface's contact points by a few that say the same
   ContactSolverSettings solver;
 };
 
@@ -244,6 +283,8 @@ struct SceneConfig {
   Vec3 gravity{0.0, 0.0, -9.81};  ///< [m/s^2]
   double duration = 10.0;         ///< [s]
   double visual_step = 0.033;     ///< [s], ticksPerStep() times haptic_step
+  int substeps = 1;               ///< equal parts in which a visual step is taken
+  bool substeps_auto = false;     ///< as many as fit the time; `substeps` is 1 then
   double haptic_step = 0.001;     ///< [s]
   int latency = 1;                ///< visual steps until a step's result reaches the haptic loop
   MethodName method = MethodName::hsl;

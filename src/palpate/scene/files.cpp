@@ -36,10 +36,10 @@ class Resolver {
     reference.path = reference.package.empty() ? besideScene(key, reference) : inPackage(key, reference);
   }
 
-  void resolveShape(const std::string& body, ShapeConfig& shape) const {
-    if (auto* surface = std::get_if<SurfaceShapeConfig>(&shape)) resolve(body + ".shape.surface.file", surface->file);
+  void resolveShape(const std::string& owner, ShapeConfig& shape) const {
+    if (auto* surface = std::get_if<SurfaceShapeConfig>(&shape)) resolve(owner + ".shape.surface.file", surface->file);
     if (auto* mesh = std::get_if<TetrahedraFileShapeConfig>(&shape))
-      resolve(body + ".shape.tetrahedra_file", mesh->file);
+      resolve(owner + ".shape.tetrahedra_file", mesh->file);
   }
 
  private:
@@ -71,6 +71,9 @@ void resolveFiles(SceneConfig& config, const std::vector<fs::path>& data_folders
   resolver.resolveShape("tool", config.tool.shape);
   for (std::size_t i = 0; i < config.bodies.size(); ++i)
     resolver.resolveShape(fmt::format("bodies[{}]", i), config.bodies[i].shape);
+  for (std::size_t i = 0; i < config.obstacles.size(); ++i)
+    if (auto* mesh = std::get_if<MeshObstacleConfig>(&config.obstacles[i].geometry))
+      resolver.resolveShape(fmt::format("obstacles[{}].mesh", i), mesh->shape);
   if (config.device.recording) resolver.resolve("device.file", *config.device.recording);
 }
 

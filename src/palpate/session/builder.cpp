@@ -1,7 +1,6 @@
 #include "palpate/session/builder.h"
 
 #include <algorithm>
-#include <map>
 #include <utility>
 
 #include "palpate/common/error.h"
@@ -11,9 +10,12 @@
 #include "palpate/haptics/coupling.h"
 #include "palpate/math/rotation.h"
 #include "palpate/mesh/alien.h"
+#include "palpate/mesh/revolution.h"
 #include "palpate/mesh/shapes.h"
 #include "palpate/mesh/surface_io.h"
+#include "palpate/mesh/surface_measures.h"
 #include "palpate/mesh/tetrahedral_io.h"
+#include "palpate/scene/region.h"
 
 namespace palpate {
 namespace {
@@ -47,15 +49,29 @@ Surface readSurfaceShape(const SurfaceShapeConfig& shape) {
   return surface;
 }
 
-SimulationMesh embed(const BodyConfig& config, const Surface& surface, EmbedReport* report) {
-  EmbedOptions options;
-  options.target_tetrahedra = config.tetrahedra;
-  options.name = config.name;
-  return embedSurface(surface, options, report);
-}
-
 Surface standing(Surface surface) {
   stand(surface.vertices);
+  return surface;
+}
+
+// The shapes that are surfaces, in rest coordinates.
+Surface buildSurface(const ShapeConfig& shape) {
+  return std::visit(Overloaded{[](const AlienShapeConfig& s) {
+                                 return makeAlien({s.height, s.resolution}).surface;
+                               },
+                               [](const SurfaceShapeConfig& s) { return readSurfaceShape(s); },
+                               [](const BoxShapeConfig& s) { return standing(boxSurface(s.size)); },
+                               [](const SphereShapeConfig& s) { return standing(sphereSurface(s.radius)); },
+                               [](const CapsuleShapeConfig& s) {
+                                 return standing(capsuleSurface(s.radius, s.length - 2 * s.radius));
+                               },
+                               [](const RevolutionShapeConfig& s) { return revolutionSurface(s.profile, s.segments); },
+                               [](const auto&) -> Surface { throw InputError("shape", "", "is not a surface"); }},
+                    shape);
+}
+
+Surface placed(Surface surface, const Pose& pose) {
+  for (Vec3& p : surface.vertices) p = pose.apply(p);
   return surface;
 }
 
@@ -64,45 +80,14 @@ void place(SimulationMesh& mesh, const Pose& pose) {
   for (Vec3& p : mesh.surface.vertices) p = pose.apply(p);
 }
 
-Vec3 landmark(const ToolConfig& tool, const std::string& name) {
-  const auto* alien = std::get_if<AlienShapeConfig>(&tool.shape);
-  if (alien == nullptr) throw InputError(tool.name, "region.landmark", "only the alien has landmarks");
-  const AlienLandmarks l = makeAlien({alien->height, alien->resolution}).landmarks;
-  const std::map<std::string, Vec3> places{{"head", l.head},           {"trunk", l.trunk},
-                                           {"left_hand", l.left_hand}, {"right_hand", l.right_hand},
-                                           {"left_foot", l.left_foot}, {"right_foot", l.right_foot}};
-  const auto at = places.find(name);
-  if (at == places.end()) throw InputError(tool.name, "region.landmark", "no landmark is called '" + name + "'");
-  return at->second;
-}
-
-bool inBall(const Vec3& x, const Vec3& center, double radius) { return (x - center).norm() <= radius; }
-
-bool inCapsule(const Vec3& x, const CapsuleRegionConfig& c) {
-  const Vec3 axis = c.b - c.a;
-  const double t = axis.squaredNorm() > 0 ? std::clamp((x - c.a).dot(axis) / axis.squaredNorm(), 0.0, 1.0) : 0.0;
-  return inBall(x, c.a + t * axis, c.radius);
-}
-
 Handle buildHandle(const ToolConfig& tool, const SimulationMesh& rest, const Body& body) {
   const HandleConfig& config = tool.chosenHandle();
-  Vec3 center = Vec3::Zero();
-  if (const auto* l = std::get_if<LandmarkRegionConfig>(&config.region)) center = landmark(tool, l->landmark);
+  const RegionConfig region = resolvedRegion(config.region, tool.shape);
   std::vector<int> nodes;
   std::vector<Vec3> positions;
   std::vector<double> masses;
   for (int i = 0; i < body.nodes(); ++i) {
-    const Vec3& x = rest.mesh.nodes[i];
-    const bool inside =
-        std::visit(Overloaded{[&](const SphereRegionConfig& r) { return inBall(x, r.center, r.radius); },
-                              [&](const BoxRegionConfig& r) {
-                                return (x.array() >= r.min.array()).all() && (x.array() <= r.max.array()).all();
-                              },
-                              [&](const CapsuleRegionConfig& r) { return inCapsule(x, r); },
-                              [&](const HalfspaceRegionConfig& r) { return r.normal.dot(x - r.point) >= 0; },
-                              [&](const LandmarkRegionConfig& r) { return inBall(x, center, r.radius); }},
-                   config.region);
-    if (!inside) continue;
+    if (!contains(region, rest.mesh.nodes[i])) continue;
     nodes.push_back(i);
     positions.push_back(body.positions().segment<3>(3 * i));
     masses.push_back(body.elasticity().mass()[i]);
@@ -119,19 +104,21 @@ Obstacle buildObstacle(const ObstacleConfig& config) {
   Obstacle out;
   out.name = config.name;
   out.friction = config.friction;
-  std::visit(Overloaded{[&](const PlaneObstacleConfig& s) {
-                          out.shape = PlaneShape{s.point, s.normal};
-                        },
-                        [&](const BoxObstacleConfig& s) {
-                          out.shape = BoxShape{s.pose, s.half_extents};
-                        },
-                        [&](const SphereObstacleConfig& s) {
-                          out.shape = SphereShape{s.center, s.radius};
-                        },
-                        [&](const CapsuleObstacleConfig& s) {
-                          out.shape = CapsuleShape{s.a, s.b, s.radius};
-                        }},
-             config.geometry);
+  std::visit(
+      Overloaded{[&](const PlaneObstacleConfig& s) {
+                   out.shape = PlaneShape{s.point, s.normal};
+                 },
+                 [&](const BoxObstacleConfig& s) {
+                   out.shape = BoxShape{s.pose, s.half_extents};
+                 },
+                 [&](const SphereObstacleConfig& s) {
+                   out.shape = SphereShape{s.center, s.radius};
+                 },
+                 [&](const CapsuleObstacleConfig& s) {
+                   out.shape = CapsuleShape{s.a, s.b, s.radius};
+                 },
+                 [&](const MeshObstacleConfig& m) { out.shape = MeshShape{placed(buildSurface(m.shape), m.pose)}; }},
+      config.geometry);
   return out;
 }
 
@@ -196,29 +183,77 @@ CompensatedWeight staticWeight(const World& world) {
 }
 
 SimulationMesh buildMesh(const BodyConfig& config, EmbedReport* report) {
-  return std::visit(
-      Overloaded{[&](const AlienShapeConfig& s) {
-                   return embed(config, makeAlien({s.height, s.resolution}).surface, report);
-                 },
-                 [&](const SurfaceShapeConfig& s) { return embed(config, readSurfaceShape(s), report); },
-                 [&](const BarShapeConfig& s) {
-                   SimulationMesh mesh = barMesh(s.size, s.cells);
-                   const Vec3 shift(-0.5 * s.size.x(), -0.5 * s.size.y(), 0.0);
-                   place(mesh, {shift, Quat::Identity()});
-                   return mesh;
-                 },
-                 [&](const BoxShapeConfig& s) { return embed(config, standing(boxSurface(s.size)), report); },
-                 [&](const SphereShapeConfig& s) { return embed(config, standing(sphereSurface(s.radius)), report); },
-                 [&](const CapsuleShapeConfig& s) {
-                   return embed(config, standing(capsuleSurface(s.radius, s.length - 2 * s.radius)), report);
-                 },
-                 [&](const TetrahedraFileShapeConfig& s) {
-                   return simulationMeshOf(readTetrahedra(s.file.path.string()), config.name);
-                 }},
-      config.shape);
+  if (const auto* bar = std::get_if<BarShapeConfig>(&config.shape)) {
+    SimulationMesh mesh = barMesh(bar->size, bar->cells);
+    const Vec3 shift(-0.5 * bar->size.x(), -0.5 * bar->size.y(), 0.0);
+    place(mesh, {shift, Quat::Identity()});
+    return mesh;
+  }
+  if (const auto* file = std::get_if<TetrahedraFileShapeConfig>(&config.shape)) {
+    return simulationMeshOf(readTetrahedra(file->file.path.string()), config.name);
+  }
+  EmbedOptions options;
+  options.target_tetrahedra = config.tetrahedra;
+  options.name = config.name;
+  return embedSurface(buildSurface(config.shape), options, report);
 }
 
 namespace {
+
+double frictionOf(const BodyConfig& body, const SceneConfig& config) {
+  return body.friction.value_or(config.contact.friction);
+}
+
+void count(BuiltScene& out, const SimulationMesh& mesh) {
+  out.tetrahedra += static_cast<int>(mesh.mesh.tetrahedra.size());
+  out.nodes += static_cast<int>(mesh.mesh.nodes.size());
+  out.surface_triangles += static_cast<int>(mesh.surface.triangles.size());
+}
+
+// Materials of a body's tetrahedra where it has parts; none otherwise.
+std::vector<ElementMaterial> elementMaterials(const BodyConfig& body, const SimulationMesh& rest) {
+  const MaterialConfig& own = body.material;
+  if (own.parts.empty()) return {};
+  std::vector<ElementMaterial> out;
+  for (const int part : materialPartsOf(body, elementCentroids(rest.mesh))) {
+    if (part < 0) {
+      out.push_back({own.youngs_modulus, own.poisson_ratio, own.density});
+    } else {
+      const MaterialPartConfig& p = own.parts[static_cast<std::size_t>(part)];
+      out.push_back({p.youngs_modulus, p.poisson_ratio, p.density});
+    }
+  }
+  return out;
+}
+
+// Bodies by their place in the world, obstacles as FrictionTable counts them.
+void setFrictionPairs(const SceneConfig& config, World& world) {
+  const auto find = [&](const std::string& name) {
+    for (std::size_t i = 0; i < config.obstacles.size(); ++i) {
+      if (config.obstacles[i].name == name) return FrictionTable::obstacle(static_cast<int>(i));
+    }
+    for (std::size_t i = 0; i < config.bodies.size(); ++i) {
+      if (config.bodies[i].name == name) return static_cast<int>(i) + 1;
+    }
+    return world.toolIndex();
+  };
+  for (const FrictionPairConfig& p : config.contact.pairs) world.setFriction(find(p.first), find(p.second), p.value);
+}
+
+// One after the other with the rest held still; together only if they lean on each other, as that takes far longer.
+void settle(World& world, const std::vector<int>& bodies, const Pose& device) {
+  bool leaning = false;
+  for (auto i = bodies.rbegin(); i != bodies.rend(); ++i) {  // the tool last
+    world.settle({*i}, device);
+    const ContactSet& set = world.contacts();
+    for (std::size_t c = 0; c < set.contacts.size(); ++c) {
+      const Contact& contact = set.contacts[c];
+      leaning |= set.status[c].state != ContactState::open && contact.second.body >= 0 &&
+                 contact.second.body != contact.first.body;
+    }
+  }
+  if (leaning && bodies.size() > 1) world.settle(bodies, device);
+}
 
 BuiltScene buildChecked(const SceneConfig& config) {
   BuiltScene out;
@@ -231,6 +266,7 @@ BuiltScene buildChecked(const SceneConfig& config) {
   world.contact.cone = config.contact.cone;
   world.contact.penetration_tolerance = config.contact.penetration_tolerance;
   world.contact.reach = config.contact.margin;
+  world.contact.recovery_speed = config.contact.max_recovery_speed;
   world.contact.max_passes = config.contact.max_passes;
   world.contact.reduce = config.contact.reduction;
   world.contact.solver = config.contact.solver;
@@ -239,29 +275,38 @@ BuiltScene buildChecked(const SceneConfig& config) {
   const auto add = [&](const BodyConfig& b, const Vec6& velocity, bool tool) {
     EmbedReport report;
     const SimulationMesh rest = buildMesh(b, &report);
-    SimulationMesh placed = rest;
-    place(placed, b.pose);
-    out.tetrahedra += static_cast<int>(rest.mesh.tetrahedra.size());
-    out.nodes += static_cast<int>(rest.mesh.nodes.size());
-    out.surface_triangles += static_cast<int>(rest.surface.triangles.size());
-    Body body(b.name, std::move(placed), buildMaterial(b.material), b.friction.value_or(config.contact.friction),
-              velocity);
+    SimulationMesh mesh = rest;
+    place(mesh, b.pose);
+    count(out, mesh);
+    Body body(b.name, std::move(mesh), buildMaterial(b.material), frictionOf(b, config), velocity,
+              elementMaterials(b, rest));
     if (tool) {
       if (report.tetrahedra > 0) out.embedding = report;
       body.hold(buildHandle(config.tool, rest, body));
     }
-    return world.add(std::move(body));
+    return world.add(std::move(body), b.self_contact);
   };
   add(config.tool, Vec6::Zero(), true);
   out.start = world.tool().handle().pose;
   out.device = buildDevice(config, out.start);
-  world.settle(0, out.start);
+  world.contact.thickness =
+      config.contact.thickness.value_or(0.002 * boundsOf(world.tool().mesh().surface.vertices).diagonal());
+  std::vector<int> settling{world.toolIndex()};
   for (const FreeBodyConfig& b : config.bodies) {
     Vec6 velocity;
     velocity << b.velocity, b.angular_velocity;
+    if (b.rigid) {
+      const Surface surface = placed(buildSurface(b.shape), b.pose);
+      out.surface_triangles += static_cast<int>(surface.triangles.size());
+      world.add(
+          Body::rigid(b.name, surface, b.material.density, frictionOf(b, config), velocity, b.material.damping_alpha));
+      continue;
+    }
     const int index = add(b, velocity, false);
-    if (b.settled) world.settle(index, Pose{});
+    if (b.settled) settling.push_back(index);
   }
+  setFrictionPairs(config, world);
+  settle(world, settling, out.start);
   out.linearization.delassus = config.method == MethodName::hsl_exact ? DelassusModel::exact : DelassusModel::diagonal;
   out.linearization.derivative = config.derivative == DerivativeName::full ? Derivative::full : Derivative::frozen;
   out.haptic = buildHaptic(config, world);

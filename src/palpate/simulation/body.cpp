@@ -1,15 +1,22 @@
 #include "palpate/simulation/body.h"
 
 #include <algorithm>
+#include <cmath>
 #include <utility>
 
 #include "palpate/common/error.h"
 #include "palpate/math/rotation.h"
+#include "palpate/mesh/surface_measures.h"
 
 namespace palpate {
 
-Body::Body(std::string name, SimulationMesh mesh, const Material& material, double friction, const Vec6& velocity)
-    : name_(std::move(name)), mesh_(std::move(mesh)), fem_(mesh_, material), finder_(mesh_, friction) {
+Body::Body(std::string name, SimulationMesh mesh, const Material& material, double friction, const Vec6& velocity,
+           const std::vector<ElementMaterial>& parts)
+    : name_(std::move(name)),
+      mesh_(std::move(mesh)),
+      fem_(mesh_, material, parts),
+      finder_(mesh_),
+      friction_(friction) {
   const int n = fem_.nodes();
   row_.resize(n);
   free_.resize(n);
@@ -28,7 +35,79 @@ Body::Body(std::string name, SimulationMesh mesh, const Material& material, doub
   a_ = fem_.pattern(row_);
 }
 
+MatX Body::ContactRows::gather(const MatX& all) const {
+  MatX out(static_cast<Eigen::Index>(3 * contacts.size()), all.cols());
+  for (std::size_t k = 0; k < contacts.size(); ++k) {
+    out.middleRows<3>(static_cast<Eigen::Index>(3 * k)) = all.middleRows<3>(3 * contacts[k]);
+  }
+  return out;
+}
+
+MatX Body::ContactRows::spread(const MatX& own, std::size_t contact_count) const {
+  MatX out = MatX::Zero(own.rows(), static_cast<Eigen::Index>(3 * contact_count));
+  for (std::size_t k = 0; k < contacts.size(); ++k) {
+    out.middleCols<3>(3 * contacts[k]) = own.middleCols<3>(static_cast<Eigen::Index>(3 * k));
+  }
+  return out;
+}
+
+Body Body::rigid(std::string name, const Surface& surface, double density, double friction, const Vec6& velocity,
+                 double damping_alpha) {
+  const SurfaceMeasures measures = measureSurface(surface);
+  if (!(measures.volume > 0) || !(density > 0)) throw InputError(name, "shape", "encloses no mass");
+  const Vec3 center = measures.center_of_mass;
+  const double mass = density * measures.volume;
+  double radius = 0;
+  for (const Vec3& p : surface.vertices) radius = std::max(radius, (p - center).norm());
+  SimulationMesh mesh;
+  mesh.surface = surface;
+  const double side = radius / std::sqrt(3.0);
+  for (const Vec3& corner : {Vec3(1, 1, 1), Vec3(1, -1, -1), Vec3(-1, 1, -1), Vec3(-1, -1, 1)}) {
+    mesh.mesh.nodes.push_back(center + side * corner);
+  }
+  mesh.mesh.tetrahedra = {{0, 2, 1, 3}};
+  mesh.fill = {1.0};
+  mesh.share = {{0.25, 0.25, 0.25, 0.25}};
+  mesh.embedding.reserve(surface.vertices.size());
+  for (const Vec3& p : surface.vertices) {
+    // of a regular tetrahedron centered on c with corners side * d_k: w_k = 1/4 + d_k . (p - c) / (4 side)
+    const Vec3 r = (p - center) / (4.0 * side);
+    EmbeddedPoint point;
+    point.tetrahedron = 0;
+    for (int k = 0; k < 4; ++k) {
+      const Vec3 d = (mesh.mesh.nodes[mesh.mesh.tetrahedra[0][k]] - center) / side;
+      point.weights[k] = 0.25 + d.dot(r);
+    }
+    mesh.embedding.push_back(point);
+  }
+  Material material;  // never strained: all that counts is the mass
+  material.youngs_modulus = 1.0;
+  material.poisson_ratio = 0.0;
+  material.density = mass / (8.0 / 3.0 * side * side * side);
+  material.damping_alpha = damping_alpha;
+  material.damping_beta = 0.0;
+  Handle frame;
+  frame.name = name;
+  frame.nodes = {0, 1, 2, 3};
+  for (const Vec3& p : mesh.mesh.nodes) frame.offsets.push_back(p - center);
+  frame.mass = frame.attached_mass = mass;
+  frame.inertia = frame.attached_inertia = density * measures.inertia;
+  frame.pose.position = center;
+  frame.twist = velocity;
+  Body body(std::move(name), std::move(mesh), material, friction, velocity);
+  body.attach(frame);
+  return body;
+}
+
 void Body::hold(const Handle& handle) {
+  attach(handle);
+  linked_ = true;
+  if (free_.empty()) throw InputError("handle " + handle.name, "region", "holds every node: nothing is left to deform");
+  if (boundary_.empty())
+    throw InputError("handle " + handle.name, "region", "is not connected to the rest of the tool");
+}
+
+void Body::attach(const Handle& handle) {
   handle_ = handle;
   free_.clear();
   boundary_.clear();
@@ -37,24 +116,21 @@ void Body::hold(const Handle& handle) {
     row_[i] = attached_[i] >= 0 ? -1 : static_cast<int>(free_.size());
     if (row_[i] >= 0) free_.push_back(i);
   }
-  if (free_.empty()) throw InputError("handle " + handle.name, "region", "holds every node: nothing is left to deform");
   for (int e = 0; e < static_cast<int>(fem_.elements().size()); ++e) {
     const auto& node = fem_.elements()[e].node;
     const auto count = std::count_if(node.begin(), node.end(), [&](int n) { return attached_[n] >= 0; });
     if (count > 0 && count < 4) boundary_.push_back(e);
   }
-  if (boundary_.empty())
-    throw InputError("handle " + handle.name, "region", "is not connected to the rest of the tool");
   a_ = fem_.pattern(row_);
   analyzed_ = false;
   setHandleState(handle.pose, handle.twist);
 }
 
-double Body::totalMass() const { return fem_.mass().sum() + (held() ? handle_->mass - handle_->attached_mass : 0.0); }
+double Body::totalMass() const { return fem_.mass().sum() + (framed() ? handle_->mass - handle_->attached_mass : 0.0); }
 
 Body::State Body::state() const {
   State s{x_, v_, {}, Vec6::Zero(), {}};
-  if (held()) {
+  if (framed()) {
     s.handle_pose = handle_->pose;
     s.handle_twist = handle_->twist;
   }
@@ -66,7 +142,7 @@ Body::State Body::state() const {
 void Body::restore(const State& state) {
   x_ = state.x;
   v_ = state.v;
-  if (held()) {
+  if (framed()) {
     handle_->pose = state.handle_pose;
     handle_->twist = state.handle_twist;
   }
@@ -84,7 +160,7 @@ void Body::setHandleState(const Pose& pose, const Vec6& twist) {
 
 void Body::clearVelocities() {
   v_.setZero();
-  if (held()) handle_->twist.setZero();
+  if (framed()) handle_->twist.setZero();
 }
 
 double Body::kineticEnergy() const {
@@ -92,7 +168,7 @@ double Body::kineticEnergy() const {
   for (int i = 0; i < nodes(); ++i) {
     if (attached_[i] < 0) sum += 0.5 * fem_.mass()[i] * v_.segment<3>(3 * i).squaredNorm();
   }
-  if (held()) sum += 0.5 * handle_->twist.dot(handle_->massMatrix() * handle_->twist);
+  if (framed()) sum += 0.5 * handle_->twist.dot(handle_->massMatrix() * handle_->twist);
   return sum;
 }
 
@@ -105,7 +181,7 @@ void Body::assemble(const StepInput& input) {
   fem_.updateRotations(x0_);
   fem_.forces(x0_, f_);
   fem_.assemble(1.0 + h * fem_.material().damping_alpha, c_, a_);
-  const int columns = held() ? 7 : 1;
+  const int columns = framed() ? 7 : 1;
   rhs_.resize(3 * freeNodes(), columns);
   for (int r = 0; r < freeNodes(); ++r) {
     const int i = free_[r];
@@ -113,7 +189,7 @@ void Body::assemble(const StepInput& input) {
     rhs_.col(columns - 1).segment<3>(3 * r) =
         m * v0_.segment<3>(3 * i) + h * (f_.segment<3>(3 * i) + m * input.gravity);
   }
-  if (held()) assembleHandle();
+  if (framed()) assembleHandle();
 }
 
 void Body::assembleHandle() {
@@ -150,27 +226,35 @@ void Body::assembleHandle() {
   const Mat3 inertia = hd.worldInertia();
   const Vec3 w = hd.twist.tail<3>();
   wrench.tail<3>() -= w.cross(inertia * w);
-  wrench -= linkWrenchOnDevice(input_.link, hd.pose, Vec6::Zero(), input_.device.pose, input_.device.twist);
 
   mass0_ = hd.massMatrix();
   a_hh_ = mass0_ + c_ * gkg_;
   const double drag = h * fem_.material().damping_alpha;
-  a_hh_.topLeftCorner<3, 3>().diagonal().array() +=
-      drag * hd.attached_mass + h * (input_.link.damping + h * input_.link.stiffness);
+  a_hh_.topLeftCorner<3, 3>().diagonal().array() += drag * hd.attached_mass;
   a_hh_.bottomRightCorner<3, 3>() += drag * hd.pose.matrix() * hd.attached_inertia * hd.pose.matrix().transpose();
+  if (linked_) addLink(wrench);
+  b_h_ = mass0_ * hd.twist + h * wrench;
+}
+
+void Body::addLink(Vec6& wrench) {
+  const Handle& hd = *handle_;
+  const double h = input_.step;
+  wrench -= linkWrenchOnDevice(input_.link, hd.pose, Vec6::Zero(), input_.device.pose, input_.device.twist);
+  a_hh_.topLeftCorner<3, 3>().diagonal().array() += h * (input_.link.damping + h * input_.link.stiffness);
   // log(exp(h w) R Rd^T) = theta + h Jl^-1 w: its symmetric part keeps A symmetric, and positive up to |theta| = pi.
   const Vec3 theta = logRotation(hd.pose.rotation * input_.device.pose.rotation.conjugate());
   const Mat3 jacobian = leftJacobianInverse(theta);
   a_hh_.bottomRightCorner<3, 3>() += h * input_.link.rotational_damping * Mat3::Identity() +
                                      h * h * input_.link.rotational_stiffness * 0.5 * (jacobian + jacobian.transpose());
-  b_h_ = mass0_ * hd.twist + h * wrench;
 }
 
 bool Body::contactNodesFit(const std::vector<int>& needed) {
   int missing = 0;
   int free = 0;
+  seen_.assign(row_.size(), 0);
   for (const int n : needed) {
-    if (row_[n] < 0) continue;
+    if (row_[n] < 0 || seen_[n]) continue;
+    seen_[n] = 1;
     ++free;
     if (trailing_[n] < 0) ++missing;
   }
@@ -179,6 +263,14 @@ bool Body::contactNodesFit(const std::vector<int>& needed) {
   const bool surplus = static_cast<int>(contact_nodes_.size()) > 3 * free + kSlack;
   surplus_steps_ = surplus ? surplus_steps_ + 1 : 0;
   return analyzed_ && missing == 0 && surplus_steps_ < kPatience;
+}
+
+bool Body::lacksNodes(const ContactPoint& point, int self) const {
+  if (point.body != self) return false;
+  for (int k = 0; k < point.count; ++k) {
+    if (row_[point.node[k]] >= 0 && trailing_[point.node[k]] < 0) return true;
+  }
+  return false;
 }
 
 void Body::orderContactNodes(const std::vector<int>& nodes) {
@@ -193,17 +285,17 @@ void Body::orderContactNodes(const std::vector<int>& nodes) {
   std::vector<int> rows;
   rows.reserve(contact_nodes_.size());
   for (const int n : contact_nodes_) rows.push_back(row_[n]);
-  factor_.analyze(a_, rows);
+  if (!free_.empty()) factor_.analyze(a_, rows);
   analyzed_ = true;
   ++analyses_;
 }
 
-bool Body::factorize() { return factor_.factorize(a_); }
+bool Body::factorize() { return free_.empty() || factor_.factorize(a_); }
 
 void Body::solveFree() {
   solution_ = rhs_;
-  factor_.solve(solution_);
-  if (!held()) {
+  if (!free_.empty()) factor_.solve(solution_);
+  if (!framed()) {
     v_free_ = solution_.col(0);
   } else {
     // X^T b = A_th^T A_tt^-1 b, so one solve for all seven columns is enough
@@ -221,13 +313,16 @@ void Body::solveFree() {
 void Body::predict(const std::vector<Contact>& contacts, int self, const VecX& impulse) {
   prediction_.setZero(3 * freeNodes(), 1);
   Vec6 on_handle = Vec6::Zero();
+  bool touched = false;
   for (std::size_t i = 0; i < contacts.size(); ++i) {
-    const Vec3 world = contacts[i].frame().transpose() * impulse.segment<3>(static_cast<Eigen::Index>(3 * i));
     const auto addPoint = [&](const ContactPoint& point, double sign) {
       if (point.body != self) return;
-      for (int k = 0; k < 4; ++k) {
+      touched = true;
+      const Vec3 world =
+          sign * (contacts[i].frame().transpose() * impulse.segment<3>(static_cast<Eigen::Index>(3 * i)));
+      for (int k = 0; k < point.count; ++k) {
         const int node = point.node[k];
-        const Vec3 share = sign * point.weight[k] * world;
+        const Vec3 share = point.weight[k] * world;
         if (row_[node] >= 0) {
           prediction_.block<3, 1>(3 * row_[node], 0) += share;
         } else {
@@ -238,10 +333,12 @@ void Body::predict(const std::vector<Contact>& contacts, int self, const VecX& i
     addPoint(contacts[i].first, 1.0);
     addPoint(contacts[i].second, -1.0);
   }
-  factor_.solve(prediction_);
-  v_end_ = v_free_ + prediction_.col(0);
+  v_end_ = v_free_;
   u_end_ = u_free_;
-  if (held()) {
+  if (!touched) return;
+  if (!free_.empty()) factor_.solve(prediction_);
+  v_end_ += prediction_.col(0);
+  if (framed()) {
     const Vec6 du = s_inverse_ * (on_handle - a_th_.transpose() * prediction_.col(0));
     u_end_ += du;
     v_end_ -= x_th_ * du;
@@ -256,42 +353,54 @@ void Body::solveFreeAgain() {
   u_end_ = u;
 }
 
-void Body::addDelassus(const std::vector<Contact>& contacts, int self, ContactRows& rows, MatX& delassus) const {
-  const auto count = static_cast<Eigen::Index>(3 * contacts.size());
+void Body::addDelassus(const std::vector<Contact>& contacts, int self, ContactRows& rows, MatX& delassus) {
+  rows.contacts.clear();
+  for (std::size_t i = 0; i < contacts.size(); ++i) {
+    if (contacts[i].first.body == self || contacts[i].second.body == self) rows.contacts.push_back(static_cast<int>(i));
+  }
+  const auto count = static_cast<Eigen::Index>(3 * rows.contacts.size());
   rows.trailing.setZero(static_cast<Eigen::Index>(3 * contact_nodes_.size()), count);
   rows.handle.setZero(6, count);
-  if (held()) rows.z.setZero(6, count);
-  for (std::size_t i = 0; i < contacts.size(); ++i) {
-    const auto column = static_cast<Eigen::Index>(3 * i);
+  if (framed()) rows.z.setZero(6, count);
+  for (std::size_t own = 0; own < rows.contacts.size(); ++own) {
+    const Contact& c = contacts[rows.contacts[own]];
+    const auto column = static_cast<Eigen::Index>(3 * own);
+    const Mat3 frame = c.frame().transpose();
     const auto addPoint = [&](const ContactPoint& point, double sign) {
       if (point.body != self) return;
-      const Mat3 frame = contacts[i].frame().transpose();
-      for (int k = 0; k < 4; ++k) {
+      for (int k = 0; k < point.count; ++k) {
         const int node = point.node[k];
         const Mat3 block = sign * point.weight[k] * frame;
         if (row_[node] >= 0) {
           rows.trailing.block<3, 3>(3 * trailing_[node], column) += block;
-          if (held()) rows.z.middleCols<3>(column) -= x_th_.middleRows<3>(3 * row_[node]).transpose() * block;
+          if (framed()) rows.z.middleCols<3>(column) -= x_th_.middleRows<3>(3 * row_[node]).transpose() * block;
         } else {
           rows.handle.middleCols<3>(column) += handle_->jacobian(attached_[node]).transpose() * block;
         }
       }
     };
-    addPoint(contacts[i].first, 1.0);
-    addPoint(contacts[i].second, -1.0);
+    addPoint(c.first, 1.0);
+    addPoint(c.second, -1.0);
   }
   rows.half = rows.trailing;
   if (rows.half.rows() > 0) factor_.trailing().triangularView<Eigen::Lower>().solveInPlace(rows.half);
-  delassus.selfadjointView<Eigen::Lower>().rankUpdate(rows.half.transpose());
-  if (held()) {
+  product_.setZero(count, count);
+  product_.selfadjointView<Eigen::Lower>().rankUpdate(rows.half.transpose());
+  if (framed()) {
     rows.z += rows.handle;
-    delassus.triangularView<Eigen::Lower>() += rows.z.transpose() * (s_inverse_ * rows.z);
+    product_.triangularView<Eigen::Lower>() += rows.z.transpose() * (s_inverse_ * rows.z);
+  }
+  for (std::size_t j = 0; j < rows.contacts.size(); ++j) {
+    for (std::size_t i = j; i < rows.contacts.size(); ++i) {
+      delassus.block<3, 3>(3 * rows.contacts[i], 3 * rows.contacts[j]) +=
+          product_.block<3, 3>(static_cast<Eigen::Index>(3 * i), static_cast<Eigen::Index>(3 * j));
+    }
   }
 }
 
 void Body::nodeVelocity(const ContactPoint& point, const VecX& v, const Vec6& u, Vec3& out) const {
   out.setZero();
-  for (int k = 0; k < 4; ++k) {
+  for (int k = 0; k < point.count; ++k) {
     const int node = point.node[k];
     if (row_[node] >= 0) {
       out += point.weight[k] * v.segment<3>(3 * row_[node]);
@@ -317,28 +426,30 @@ void Body::addFreeRowVelocity(const std::vector<Contact>& contacts, int self, Ve
 }
 
 void Body::applyImpulse(const ContactRows& rows, const VecX& lambda) {
-  const VecX r = rows.trailing * lambda;
   v_end_ = v_free_;
   u_end_ = u_free_;
+  if (rows.contacts.empty()) return;
+  const VecX own = rows.gather(lambda);
+  const VecX r = rows.trailing * own;
   if (r.size() > 0) {
     impulse_response_.resize(v_free_.size());
     factor_.solveFromTrailing(r, impulse_response_);
     v_end_ += impulse_response_;
   }
-  if (held()) {
-    const Vec6 du = s_inverse_ * (rows.z * lambda);
+  if (framed()) {
+    const Vec6 du = s_inverse_ * (rows.z * own);
     u_end_ += du;
     v_end_ -= x_th_ * du;
   }
 }
 
-void Body::endPositions(VecX& x) const {
-  const double h = input_.step;
+void Body::endPositions(VecX& x, double share) const {
+  const double h = share * input_.step;
   x.resize(x0_.size());
   for (int r = 0; r < freeNodes(); ++r) {
     x.segment<3>(3 * free_[r]) = x0_.segment<3>(3 * free_[r]) + h * v_end_.segment<3>(3 * r);
   }
-  if (held()) {
+  if (framed()) {
     const Pose end = palpate::advance(pose0_, h * u_end_);
     for (std::size_t k = 0; k < handle_->nodes.size(); ++k) {
       x.segment<3>(3 * handle_->nodes[k]) = end.apply(handle_->offsets[k]);
@@ -346,11 +457,22 @@ void Body::endPositions(VecX& x) const {
   }
 }
 
-bool Body::advance() {
+Vec3 Body::arcOffset(const ContactPoint& point, const VecX& x_end) const {
+  Vec3 offset = Vec3::Zero();
+  for (int k = 0; k < point.count; ++k) {
+    const int node = point.node[k];
+    if (row_[node] >= 0) continue;
+    const Vec3 straight = input_.step * (handle_->jacobian(attached_[node]) * u_end_);
+    offset += point.weight[k] * (x_end.segment<3>(3 * node) - x0_.segment<3>(3 * node) - straight);
+  }
+  return offset;
+}
+
+bool Body::advance(double share) {
   if (!v_end_.allFinite() || !u_end_.allFinite()) return false;
-  endPositions(x_);
+  endPositions(x_, share);
   for (int r = 0; r < freeNodes(); ++r) v_.segment<3>(3 * free_[r]) = v_end_.segment<3>(3 * r);
-  if (held()) setHandleState(palpate::advance(pose0_, input_.step * u_end_), u_end_);
+  if (framed()) setHandleState(palpate::advance(pose0_, share * input_.step * u_end_), u_end_);
   return true;
 }
 

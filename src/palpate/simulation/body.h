@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "palpate/contact/contact.h"
 #include "palpate/contact/contact_finder.h"
 #include "palpate/fem/elastic_mesh.h"
 #include "palpate/math/types.h"
@@ -30,21 +31,31 @@ struct StepInput {
   DeviceTarget device;
 };
 
-/// A deformable body, with or without a handle: its state, and the linear system of its semi-implicit backward Euler
-/// step.
+/// A deformable body, with or without a handle, or a rigid one: its state, and the linear system of its semi-implicit
+/// backward Euler step.
 ///
 ///     A_tt v + A_th u   = M v0 + h (f + m g)                  + J_t^T lambda        A = (1 + h alpha) M + c K
 ///     A_th^T v + A_hh u = M_h u0 + h (G^T f_H + weight + ...) + J_h^T lambda        c = h beta + h^2
 ///
 /// with v the velocities of the free nodes and u the handle's twist. The handle is eliminated by the Schur complement
-/// S = A_hh - A_th^T X, X = A_tt^-1 A_th.
+/// S = A_hh - A_th^T X, X = A_tt^-1 A_th. A rigid body is a handle that nobody holds and to which all nodes are
+/// attached.
 class Body {
  public:
   /// @param mesh      in world coordinates, undeformed
   /// @param friction  Coulomb coefficient against obstacles that have none of their own
   /// @param velocity  twist at the start, about the center of mass
+  /// @param parts     materials of the tetrahedra where they differ; else empty
   Body(std::string name, SimulationMesh mesh, const Material& material, double friction = 0.5,
-       const Vec6& velocity = Vec6::Zero());
+       const Vec6& velocity = Vec6::Zero(), const std::vector<ElementMaterial>& parts = {});
+
+  /// A rigid body with the given surface: four nodes around it carry the surface's vertices.
+  /// @param surface  closed, in world coordinates
+  /// @param density  [kg/m^3]
+  /// @param damping_alpha  drag against the world [1/s]
+  /// @throws InputError if the surface encloses no volume
+  static Body rigid(std::string name, const Surface& surface, double density, double friction = 0.5,
+                    const Vec6& velocity = Vec6::Zero(), double damping_alpha = 0.0);
 
   /// Attaches nodes to a handle. Once, before the first step; nodes of other handles' regions stay free.
   void hold(const Handle& handle);
@@ -56,11 +67,14 @@ class Body {
   const ContactFinder& contactFinder() const { return finder_; }
   int nodes() const { return fem_.nodes(); }
   int freeNodes() const { return static_cast<int>(free_.size()); }
-  bool held() const { return handle_.has_value(); }
+  bool held() const { return linked_; }                ///< by the device
+  bool framed() const { return handle_.has_value(); }  ///< held or rigid: has a handle frame among its unknowns
+  bool isRigid() const { return framed() && free_.empty(); }
   const std::vector<int>& row() const { return row_; }                 ///< node -> free row, -1 if attached
   const std::vector<int>& attachedIndex() const { return attached_; }  ///< node -> index in handle().nodes, -1 if free
   const std::vector<int>& boundaryElements() const { return boundary_; }  ///< touch attached and free nodes
   double totalMass() const;
+  double friction() const { return friction_; }
 
   // --- state
   struct State {
@@ -85,6 +99,8 @@ class Body {
   /// Whether the factor's order still suits contact on these nodes: it has them last, and not for long far too many
   /// others.
   bool contactNodesFit(const std::vector<int>& needed);
+  /// Whether a point of body `self` needs nodes that are not ordered last.
+  bool lacksNodes(const ContactPoint& point, int self) const;
   /// Orders the given nodes last in the factor, so that contact on them is cheap. A new symbolic analysis: rare.
   void orderContactNodes(const std::vector<int>& nodes);
   /// Numeric factorization. @returns false if A_tt is not positive definite or not finite.
@@ -97,23 +113,35 @@ class Body {
   /// The same after a new factorization of the same system (other nodes ordered last).
   void solveFreeAgain();
 
-  /// This body's part of contact rows, for contacts in which it takes part; 3 rows a contact (normal, tangents).
+  /// This body's part of the contact rows; 3 rows a contact (normal, tangents), of those contacts alone in which it
+  /// takes part.
   struct ContactRows {
-    MatX trailing;  ///< J_c^T: 3 * contact nodes x rows
-    MatX handle;    ///< J_h^T: 6 x rows
-    MatX half;      ///< L_cc^-1 J_c^T
-    MatX z;         ///< (J_h - J_t X)^T: 6 x rows
+    std::vector<int> contacts;  ///< those in which the body takes part, increasing; columns are theirs
+    MatX trailing;              ///< J_c^T: 3 * contact nodes x rows
+    MatX handle;                ///< J_h^T: 6 x rows
+    MatX half;                  ///< L_cc^-1 J_c^T
+    MatX z;                     ///< (J_h - J_t X)^T: 6 x rows
+
+    /// Rows of a vector [rows of all contacts] or matrix that belong to the body's contacts.
+    MatX gather(const MatX& all) const;
+    /// Puts the body's columns at their place among the columns of all contacts.
+    MatX spread(const MatX& own, std::size_t contact_count) const;
   };
   /// Fills rows and adds J A^-1 J^T to the Delassus matrix.
-  void addDelassus(const std::vector<Contact>& contacts, int self, ContactRows& rows, MatX& delassus) const;
+  void addDelassus(const std::vector<Contact>& contacts, int self, ContactRows& rows, MatX& delassus);
   /// Adds J v to row velocities, for the free motion.
   void addFreeRowVelocity(const std::vector<Contact>& contacts, int self, VecX& velocity) const;
   /// End velocities under contact impulses lambda [rows].
   void applyImpulse(const ContactRows& rows, const VecX& lambda);
   /// Node positions at the end of the step, for the present end velocities.
-  void endPositions(VecX& x) const;
-  /// Takes the end of the step as the new state. @returns false (state unchanged) if it is not finite.
-  bool advance();
+  /// @param share  of the step, in [0, 1]: how far along its motion
+  void endPositions(VecX& x, double share = 1.0) const;
+  /// Where the end of the step leaves a point, beside where h times its velocity row would [m]: the attached nodes'
+  /// arcs.
+  Vec3 arcOffset(const ContactPoint& point, const VecX& x_end) const;
+  /// Takes the end of the step, or a part of its motion, as the new state. @returns false (state unchanged) if it is
+  /// not finite.
+  bool advance(double share = 1.0);
 
   // --- the step's system, for the linearization and for checks; valid from assemble() to the next assemble()
   const StepInput& input() const { return input_; }
@@ -137,6 +165,8 @@ class Body {
 
  private:
   void assembleHandle();
+  void addLink(Vec6& wrench);
+  void attach(const Handle& handle);
   void nodeVelocity(const ContactPoint& point, const VecX& v, const Vec6& u, Vec3& out) const;
 
   std::string name_;
@@ -144,6 +174,8 @@ class Body {
   ElasticMesh fem_;
   ContactFinder finder_;
   std::optional<Handle> handle_;
+  bool linked_ = false;
+  double friction_ = 0;
   std::vector<int> row_, free_, attached_, boundary_;
 
   VecX x_, v_;
@@ -159,8 +191,9 @@ class Body {
   std::size_t analyses_ = 0;
   std::vector<int> contact_nodes_;  // nodes ordered last
   std::vector<int> trailing_;       // node -> index among the contact nodes, -1
-  int surplus_steps_ = 0;           // steps in a row in which far too many nodes were ordered last
-  MatX a_th_, x_th_, rhs_, solution_, prediction_;
+  std::vector<char> seen_;
+  int surplus_steps_ = 0;  // steps in a row in which far too many nodes were ordered last
+  MatX a_th_, x_th_, rhs_, solution_, prediction_, product_;
   Mat6 gkg_ = Mat6::Zero(), a_hh_ = Mat6::Zero(), s_inverse_ = Mat6::Zero(), mass0_ = Mat6::Zero();
   Vec6 b_h_ = Vec6::Zero();
   VecX v_free_, v_end_, impulse_response_;

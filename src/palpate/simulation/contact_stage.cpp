@@ -4,6 +4,11 @@
 #include <tuple>
 
 namespace palpate {
+namespace {
+
+constexpr double kLargestArc = 5.0;  // thicknesses by which a gap is corrected for the handle's turning
+
+}  // namespace
 
 int ContactSet::active() const { return static_cast<int>(contacts.size()) - count(ContactState::open); }
 
@@ -12,38 +17,73 @@ int ContactSet::count(ContactState state) const {
       std::count_if(status.begin(), status.end(), [&](const ContactStatus& s) { return s.state == state; }));
 }
 
-void ContactStage::find(const std::vector<Body*>& bodies, const std::vector<int>& indices,
-                        const std::vector<Obstacle>& obstacles, double reach, bool linearize_at_end) {
+// Candidates at the present end velocities: planes by vertices at the end, surfaces along the whole motion.
+void ContactStage::find(const std::vector<Body*>& bodies, const std::vector<int>& indices, const ContactInput& input,
+                        bool first_pass) {
   candidates_.clear();
   x_end_.resize(bodies.size());
+  const ContactSettings& settings = input.settings;
   for (std::size_t b = 0; b < bodies.size(); ++b) {
     bodies[b]->endPositions(x_end_[b]);
-    bodies[b]->contactFinder().find(indices[b], bodies[b]->startPositions(), x_end_[b], obstacles, reach,
-                                    linearize_at_end, candidates_);
+    bodies[b]->contactFinder().find(indices[b], bodies[b]->startPositions(), x_end_[b], input.obstacles,
+                                    first_pass ? settings.reach : 0.0, candidates_);
+  }
+  for (Contact& c : candidates_) {
+    c.slack = settings.penetration_tolerance;
+    c.friction = input.friction(c.first.body, FrictionTable::obstacle(c.partner));
+  }
+  if (!input.surfaces.active()) {
+    correctForTurning(bodies, indices, kLargestArc * settings.thickness);
+    return;
+  }
+  for (std::size_t b = 0; b < bodies.size(); ++b) input.surfaces.setEnd(indices[b], x_end_[b]);
+  SurfaceContactSettings surface;
+  surface.thickness = settings.thickness;
+  surface.reach = first_pass ? settings.reach : 0.0;
+  surface.recovery_speed = settings.recovery_speed;
+  surface.step = bodies.front()->input().step;
+  input.surfaces.find(surface, input.friction, first_pass, candidates_);
+  correctForTurning(bodies, indices, kLargestArc * settings.thickness);
+}
+
+// The handle's nodes go round on arcs, their velocity rows straight on: what an arc ends beside the straight line is
+// known once the motion is predicted, and belongs to the gap. Within bounds: a wild prediction must not make wild gaps.
+void ContactStage::correctForTurning(const std::vector<Body*>& bodies, const std::vector<int>& indices, double bound) {
+  for (std::size_t b = 0; b < bodies.size(); ++b) {
+    const Body& body = *bodies[b];
+    if (!body.framed()) continue;
+    for (Contact& c : candidates_) {
+      const auto offset = [&](const ContactPoint& point) {
+        if (point.body != indices[b]) return 0.0;
+        return std::clamp(c.normal.dot(body.arcOffset(point, x_end_[b])), -bound, bound);
+      };
+      c.gap += offset(c.first) - offset(c.second);
+    }
   }
 }
 
-// Contact on a node that is not ordered last needs a new factor; rare, as nodes near obstacles are ordered last
-// beforehand.
+// Contact on a node that is not ordered last needs a new factor; rare, as nodes near others are ordered last
+// beforehand. Those of all candidates then come too, so that the order lasts.
 bool ContactStage::prepareNodes(const std::vector<Body*>& bodies, const std::vector<int>& indices) {
   for (std::size_t b = 0; b < bodies.size(); ++b) {
-    std::vector<int> nodes = bodies[b]->contactNodes();
-    std::vector<char> listed(bodies[b]->nodes(), 0);
-    for (const int n : nodes) listed[n] = 1;
-    const std::size_t before = nodes.size();
+    Body& body = *bodies[b];
+    bool missing = false;
     for (const Contact& c : set_.contacts) {
-      for (const ContactPoint* point : {&c.first, &c.second}) {
-        if (point->body != indices[b]) continue;
-        for (const int n : point->node) {
-          if (bodies[b]->row()[n] >= 0 && !listed[n]) nodes.push_back(n);
-          listed[n] = 1;
+      missing |= body.lacksNodes(c.first, indices[b]) || body.lacksNodes(c.second, indices[b]);
+    }
+    if (!missing) continue;
+    std::vector<int> nodes = body.contactNodes();
+    for (const std::vector<Contact>* list : {&set_.contacts, &candidates_}) {
+      for (const Contact& c : *list) {
+        for (const ContactPoint* point : {&c.first, &c.second}) {
+          if (point->body == indices[b])
+            nodes.insert(nodes.end(), point->node.begin(), point->node.begin() + point->count);
         }
       }
     }
-    if (nodes.size() == before) continue;
-    bodies[b]->orderContactNodes(nodes);
-    if (!bodies[b]->factorize()) return false;
-    bodies[b]->solveFreeAgain();
+    body.orderContactNodes(nodes);
+    if (!body.factorize()) return false;
+    body.solveFreeAgain();
   }
   return true;
 }
@@ -57,6 +97,7 @@ void ContactStage::solveOnce(const std::vector<Body*>& bodies, const std::vector
   bias_.resize(m);
   friction_.resize(m);
   set_.rows.resize(bodies.size());
+  set_.bodies = indices;
   for (std::size_t b = 0; b < bodies.size(); ++b) {
     bodies[b]->addDelassus(set_.contacts, indices[b], set_.rows[b], set_.delassus);
     bodies[b]->addFreeRowVelocity(set_.contacts, indices[b], set_.free);
@@ -73,9 +114,9 @@ void ContactStage::solveOnce(const std::vector<Body*>& bodies, const std::vector
     if (!fresh && i < known) continue;
     set_.impulse.segment<3>(3 * i).setZero();
     set_.status[i] = {};
-    const auto at = std::lower_bound(memory_.begin(), memory_.end(), c.key,
-                                     [](const Memory& a, std::int64_t key) { return a.key < key; });
-    if (at != memory_.end() && at->key == c.key) {
+    const auto at = std::lower_bound(memory_.begin(), memory_.end(), c.track,
+                                     [](const Memory& a, std::uint64_t track) { return a.track < track; });
+    if (at != memory_.end() && at->track == c.track) {
       set_.impulse.segment<3>(3 * i) = h * (c.frame() * at->force);
       set_.status[i] = at->status;
     }
@@ -85,16 +126,20 @@ void ContactStage::solveOnce(const std::vector<Body*>& bodies, const std::vector
   for (std::size_t b = 0; b < bodies.size(); ++b) bodies[b]->applyImpulse(set_.rows[b], set_.impulse);
 }
 
-// The deepest violated vertex of each patch; a contact that is there already is linearized anew where it now is.
-bool ContactStage::addViolated(const ContactSettings& settings) {
+// The deepest violated point of each patch; a contact that is there already is linearized anew where it now is.
+bool ContactStage::addViolated() {
   std::sort(candidates_.begin(), candidates_.end(), [](const Contact& a, const Contact& b) {
-    return std::tuple(a.partner, a.patch, a.end_gap, a.key) < std::tuple(b.partner, b.patch, b.end_gap, b.key);
+    return std::tuple(a.first.body, a.partner, a.patch, a.end_gap, a.key) <
+           std::tuple(b.first.body, b.partner, b.patch, b.end_gap, b.key);
   });
+  const auto samePatch = [](const Contact& a, const Contact& b) {
+    return a.first.body == b.first.body && a.partner == b.partner && a.patch == b.patch;
+  };
   bool added = false;
   for (std::size_t i = 0; i < candidates_.size(); ++i) {
     const Contact& c = candidates_[i];
-    if (!(c.end_gap < -settings.penetration_tolerance)) continue;
-    if (i > 0 && candidates_[i - 1].partner == c.partner && candidates_[i - 1].patch == c.patch) continue;
+    if (!c.crosses() && !(c.end_gap < -c.slack)) continue;
+    if (i > 0 && samePatch(candidates_[i - 1], c) && c.normal.dot(candidates_[i - 1].normal) > 0.7) continue;
     const auto same =
         std::find_if(set_.contacts.begin(), set_.contacts.end(), [&](const Contact& o) { return o.key == c.key; });
     if (same == set_.contacts.end()) {
@@ -115,77 +160,172 @@ void ContactStage::predict(const std::vector<Body*>& bodies, const std::vector<i
   for (std::size_t b = 0; b < bodies.size(); ++b) bodies[b]->predict(earlier_, indices[b], earlier_impulse_);
 }
 
-// What carried force in the step before is a candidate wherever the prediction puts it.
+// What carried force on a plane in the step before is a candidate wherever the prediction puts it. Surfaces near each
+// other are candidates anyway.
 void ContactStage::followEarlier(const std::vector<Body*>& bodies, const std::vector<int>& indices,
                                  const std::vector<Obstacle>& obstacles) {
-  std::vector<std::int64_t> found;
-  found.reserve(candidates_.size());
-  for (const Contact& c : candidates_) found.push_back(c.key);
-  std::sort(found.begin(), found.end());
+  found_.clear();
+  for (const Contact& c : candidates_) found_.push_back(c.track);
+  std::sort(found_.begin(), found_.end());
   for (const Contact& c : earlier_) {
-    if (std::binary_search(found.begin(), found.end(), c.key)) continue;
+    if (c.partner >= static_cast<int>(obstacles.size())) continue;
+    if (std::binary_search(found_.begin(), found_.end(), c.track)) continue;
     const auto at = std::find(indices.begin(), indices.end(), c.first.body);
+    if (at == indices.end()) continue;
     const auto b = static_cast<std::size_t>(at - indices.begin());
     candidates_.push_back(bodies[b]->contactFinder().follow(c, bodies[b]->startPositions(), x_end_[b], obstacles));
   }
 }
 
+// Deep overlap is undone at a bounded speed: without the cap a start 1 cm deep would leave at 0.3 m/s, or 10 m/s where
+// steps are short.
+void ContactStage::capRecovery(double h, double speed) {
+  for (Contact& c : set_.contacts) {
+    if (c.gap >= -speed * h) continue;
+    c.gap = -speed * h;
+    c.capped = true;
+  }
+}
+
 void ContactStage::remember(double h) {
   memory_.clear();
-  kept_keys_.clear();
+  kept_.clear();
   earlier_.clear();
   earlier_force_.resize(static_cast<Eigen::Index>(3 * set_.active()));
   for (std::size_t i = 0; i < set_.contacts.size(); ++i) {
     if (set_.status[i].state == ContactState::open) continue;
     const Contact& c = set_.contacts[i];
     const auto impulse = set_.impulse.segment<3>(static_cast<Eigen::Index>(3 * i));
-    memory_.push_back({c.key, c.frame().transpose() * impulse / h, set_.status[i]});
+    memory_.push_back({c.track, c.frame().transpose() * impulse / h, set_.status[i]});
     earlier_force_.segment<3>(static_cast<Eigen::Index>(3 * earlier_.size())) = impulse / h;
     earlier_.push_back(c);
   }
-  std::sort(memory_.begin(), memory_.end(), [](const Memory& a, const Memory& b) { return a.key < b.key; });
-  for (const Memory& m : memory_) kept_keys_.push_back(m.key);
+  std::stable_sort(memory_.begin(), memory_.end(), [](const Memory& a, const Memory& b) { return a.track < b.track; });
+  for (const Memory& m : memory_) kept_.push_back(m.track);
 }
 
-bool ContactStage::solve(const std::vector<Body*>& bodies, const std::vector<int>& indices,
-                         const std::vector<Obstacle>& obstacles, const ContactSettings& settings) {
+void ContactStage::chooseContacts(const std::vector<Body*>& bodies, const ContactSettings& settings) {
+  touched_.clear();
+  for (const Contact& c : candidates_) {
+    for (const ContactPoint* point : {&c.first, &c.second}) {
+      if (point->body < 0) continue;
+      for (int k = 0; k < point->count; ++k) touched_.emplace_back(point->body, point->node[k]);
+    }
+  }
+  std::sort(touched_.begin(), touched_.end());
+  touched_.erase(std::unique(touched_.begin(), touched_.end()), touched_.end());
+  if (!settings.reduce) {
+    set_.contacts = candidates_;
+    return;
+  }
+  double spacing = bodies.front()->contactFinder().edgeLength();
+  for (const Body* b : bodies) spacing = std::min(spacing, b->contactFinder().edgeLength());
+  for (const int i : reduction_.choose(candidates_, kept_, settings.spacing * spacing)) {
+    set_.contacts.push_back(candidates_[i]);
+  }
+}
+
+void ContactStage::touchedNodes(int body, int nodes, std::vector<int>& out) const {
+  for (auto at = std::lower_bound(touched_.begin(), touched_.end(), std::pair(body, 0));
+       at != touched_.end() && at->first == body && at->second < nodes; ++at) {
+    out.push_back(at->second);
+  }
+}
+
+// Depth and crossing of the present end velocities, from the candidates there.
+void ContactStage::judge() {
+  set_.penetration = 0;
+  set_.crossing = false;
+  for (const Contact& c : candidates_) {
+    if (c.crosses()) {
+      set_.crossing = true;
+    } else {
+      set_.penetration = std::max(set_.penetration, -c.end_gap - c.thickness);
+    }
+  }
+}
+
+bool ContactStage::solve(const std::vector<Body*>& bodies, const std::vector<int>& indices, const ContactInput& input) {
+  const ContactSettings& settings = input.settings;
   set_.contacts.clear();
   set_.impulse.resize(0);
   set_.status.clear();
   set_.rows.clear();
   set_.solver = {true, 0, 0.0};
   set_.passes = 0;
-  predict(bodies, indices);
-  find(bodies, indices, obstacles, settings.reach, false);
-  followEarlier(bodies, indices, obstacles);
-  set_.candidates = static_cast<int>(candidates_.size());
+  set_.candidates = 0;
   set_.penetration = 0;
-  if (settings.reduce) {
-    double spacing = bodies.front()->contactFinder().edgeLength();
-    for (const Body* b : bodies) spacing = std::min(spacing, b->contactFinder().edgeLength());
-    for (const int i : reduceContacts(candidates_, kept_keys_, settings.spacing * spacing)) {
-      set_.contacts.push_back(candidates_[i]);
-    }
-  } else {
-    set_.contacts = candidates_;
+  set_.crossing = false;
+  if (bodies.empty()) return true;
+  const double h = bodies.front()->input().step;
+  predict(bodies, indices);
+  find(bodies, indices, input, true);
+  followEarlier(bodies, indices, input.obstacles);
+  set_.candidates = static_cast<int>(candidates_.size());
+  chooseContacts(bodies, settings);
+  if (set_.contacts.empty() && !earlier_.empty()) {  // what was touched is out of reach: its impulses are, too
+    for (Body* b : bodies) b->applyImpulse({}, VecX());
+    find(bodies, indices, input, true);
+    set_.candidates = static_cast<int>(candidates_.size());
+    chooseContacts(bodies, settings);
   }
   int iterations = 0;
   while (!set_.contacts.empty()) {
     ++set_.passes;
+    capRecovery(h, settings.recovery_speed);
     if (!prepareNodes(bodies, indices)) {
       set_ = ContactSet{};
       return false;
     }
     solveOnce(bodies, indices, settings);
     iterations += set_.solver.iterations;
-    find(bodies, indices, obstacles, 0.0, true);
-    set_.penetration = 0;
-    for (const Contact& c : candidates_) set_.penetration = std::max(set_.penetration, -c.end_gap);
-    if (set_.passes >= settings.max_passes || !addViolated(settings)) break;
+    find(bodies, indices, input, false);
+    judge();
+    if (set_.passes >= settings.max_passes || !addViolated()) break;
   }
+  set_.penetration = std::max(set_.penetration, input.surfaces.overlap());
   set_.solver.iterations = iterations;
-  remember(bodies.front()->input().step);
+  remember(h);
   return true;
+}
+
+// Cuts motions short, of the bodies that would cross, until nothing crosses. The cut path is examined again: a handle
+// that turns does not end on the straight way to where it would have been.
+void ContactStage::limitMotion(const std::vector<Body*>& bodies, const std::vector<int>& indices,
+                               const ContactInput& input, std::vector<double>& share) {
+  constexpr int kRounds = 12;
+  constexpr int kPatient = 6;  // rounds after which a motion is cut by more than the impact asks
+  share.assign(bodies.size(), 1.0);
+  if (!set_.crossing) return;
+  SurfaceContactSettings surface;
+  surface.thickness = input.settings.thickness;
+  surface.reach = 0.0;
+  surface.step = bodies.front()->input().step;
+  std::vector<double> next;
+  for (int round = 0; round <= kRounds; ++round) {
+    for (std::size_t b = 0; b < bodies.size(); ++b) {
+      bodies[b]->endPositions(x_end_[b], share[b]);
+      input.surfaces.setEnd(indices[b], x_end_[b]);
+    }
+    candidates_.clear();
+    input.surfaces.find(surface, input.friction, false, candidates_);
+    next = share;
+    bool crossing = false;
+    for (const Contact& c : candidates_) {
+      if (!c.crosses()) continue;
+      crossing = true;
+      double factor = round < kPatient ? c.impact_time : 0.5 * c.impact_time;
+      if (round == kRounds) factor = 0;
+      for (const ContactPoint* point : {&c.first, &c.second}) {
+        const auto at = std::find(indices.begin(), indices.end(), point->body);
+        if (at == indices.end()) continue;
+        const auto b = static_cast<std::size_t>(at - indices.begin());
+        next[b] = std::min(next[b], factor * share[b]);
+      }
+    }
+    if (!crossing) return;
+    share = next;
+  }
 }
 
 }  // namespace palpate

@@ -3,7 +3,9 @@
 #include <cstdint>
 #include <vector>
 
+#include "palpate/contact/contact.h"
 #include "palpate/contact/contact_finder.h"
+#include "palpate/contact/surface_contacts.h"
 #include "palpate/simulation/body.h"
 #include "palpate/solver/contact_solver.h"
 
@@ -13,8 +15,12 @@ struct ContactSettings {
   FrictionCone cone;
   /// A surface vertex deeper than this at the end of a pass becomes a contact of the next pass [m].
   double penetration_tolerance = 1e-5;
-  /// Vertices predicted to come this near without contact are proposed in the first pass [m].
+  /// What is predicted to come this near without contact is proposed in the first pass [m].
   double reach = 2e-4;
+  /// Gap that surfaces of bodies keep from each other and from fixed ones (planes: none) [m].
+  double thickness = 2e-4;
+  /// Speed at which what starts inside another is pushed out [m/s].
+  double recovery_speed = 0.5;
   int max_passes = 8;
   /// false: every vertex within reach is a contact; for the study of reduction only.
   bool reduce = true;
@@ -30,56 +36,77 @@ struct ContactSet {
   VecX free;      ///< row velocities without contact impulse [m/s]
   VecX impulse;   ///< lambda [N s]
   std::vector<ContactStatus> status;
-  std::vector<Body::ContactRows> rows;  ///< one a body of the island
+  std::vector<int> bodies;              ///< that move, as indices in the world
+  std::vector<Body::ContactRows> rows;  ///< theirs
 
-  int candidates = 0;  ///< surface vertices within reach, before reduction
+  int candidates = 0;  ///< points within reach, before reduction
   int passes = 0;
-  double penetration = 0;  ///< deepest surface vertex at the end of the step [m], >= 0
+  double penetration = 0;  ///< deepest point below a plane at the end, or of an overlap at the start of the step [m]
+  bool crossing = false;   ///< the end velocities would carry a surface through another: the motion must be cut short
   ContactSolverReport solver;
   int active() const;
   int count(ContactState state) const;
 };
 
-/// Finds, reduces and solves the contacts of bodies that are coupled by them (an island). Bodies touch fixed obstacles
-/// only, so every body is an island of its own.
+/// What the contacts of a step are found among and how they are solved; the bodies' positions at the start are known.
+struct ContactInput {
+  const std::vector<Obstacle>& obstacles;  ///< planes are used; other shapes are in `surfaces`
+  SurfaceContacts& surfaces;
+  const FrictionTable& friction;
+  const ContactSettings& settings;
+};
+
+/// Finds, reduces and solves the contacts of the bodies that move.
 class ContactStage {
  public:
   /// Bodies must be factorized and solved free. Leaves their end velocities with contact.
-  /// @param indices  of the bodies in the world, as contact points name them
+  /// @param indices  of the bodies in the world, as contact points name them; bodies that are not among them stand
+  /// still
   /// @returns false if a factorization that it needed failed; the end velocities are then not to be used
   [[nodiscard]] bool solve(const std::vector<Body*>& bodies, const std::vector<int>& indices,
-                           const std::vector<Obstacle>& obstacles, const ContactSettings& settings);
+                           const ContactInput& input);
+  /// Shares of the step's motion, one a body, that carry no surface through another.
+  void limitMotion(const std::vector<Body*>& bodies, const std::vector<int>& indices, const ContactInput& input,
+                   std::vector<double>& share);
   const ContactSet& result() const { return set_; }
+  /// Nodes of a body that took part in the last step's candidates, each once; appends.
+  void touchedNodes(int body, int nodes, std::vector<int>& out) const;
   /// Forgets impulses of the step before (after a jump of the state).
   void forget() {
     memory_.clear();
-    kept_keys_.clear();
+    kept_.clear();
     earlier_.clear();
+    touched_.clear();
   }
 
  private:
   struct Memory {
-    std::int64_t key;
+    std::uint64_t track;
     Vec3 force;  // world frame [N]
     ContactStatus status;
   };
-  void find(const std::vector<Body*>& bodies, const std::vector<int>& indices, const std::vector<Obstacle>& obstacles,
-            double reach, bool linearize_at_end);
-  bool prepareNodes(const std::vector<Body*>& bodies, const std::vector<int>& indices);
-  void solveOnce(const std::vector<Body*>& bodies, const std::vector<int>& indices, const ContactSettings& settings);
-  void predict(const std::vector<Body*>& bodies, const std::vector<int>& indices);
-  void followEarlier(const std::vector<Body*>& bodies, const std::vector<int>& indices,
-                     const std::vector<Obstacle>& obstacles);
-  bool addViolated(const ContactSettings& settings);
+  using Bodies = std::vector<Body*>;
+  void find(const Bodies& bodies, const std::vector<int>& indices, const ContactInput& input, bool first_pass);
+  void correctForTurning(const Bodies& bodies, const std::vector<int>& indices, double bound);
+  bool prepareNodes(const Bodies& bodies, const std::vector<int>& indices);
+  void solveOnce(const Bodies& bodies, const std::vector<int>& indices, const ContactSettings& settings);
+  void predict(const Bodies& bodies, const std::vector<int>& indices);
+  void followEarlier(const Bodies& bodies, const std::vector<int>& indices, const std::vector<Obstacle>& obstacles);
+  void capRecovery(double h, double speed);
+  void chooseContacts(const Bodies& bodies, const ContactSettings& settings);
+  bool addViolated();
+  void judge();
   void remember(double h);
 
   ContactSet set_;
   ContactSolver solver_;
+  ContactReduction reduction_;
   std::vector<Contact> candidates_;
-  std::vector<Memory> memory_;  // sorted by key
-  std::vector<std::int64_t> kept_keys_;
-  std::vector<Contact> earlier_;          // those that carried force in the step before
-  VecX earlier_force_, earlier_impulse_;  // theirs, in their frames [N], [N s]
+  std::vector<Memory> memory_;  // sorted by track
+  std::vector<std::uint64_t> kept_, found_;
+  std::vector<Contact> earlier_;              // those that carried force in the step before
+  VecX earlier_force_, earlier_impulse_;      // theirs, in their frames [N], [N s]
+  std::vector<std::pair<int, int>> touched_;  // body, node: sorted, of the candidates
   std::vector<VecX> x_end_;
   VecX bias_, friction_;
 };

@@ -4,6 +4,8 @@
 #include <chrono>
 #include <cmath>
 #include <limits>
+#include <numeric>
+#include <optional>
 
 #include "palpate/common/error.h"
 
@@ -26,68 +28,143 @@ class Stopwatch {
 
 }  // namespace
 
-int World::add(Body body) {
+int World::add(Body body, bool self_contact) {
   bodies_.push_back(std::make_unique<Body>(std::move(body)));
-  stages_.push_back(std::make_unique<ContactStage>());
   const int index = bodies() - 1;
-  if (tool_ < 0 && bodies_.back()->held()) tool_ = index;
+  const Body& added = *bodies_.back();
+  if (tool_ < 0 && added.held()) tool_ = index;
+  friction_.setBody(index, added.friction());
+  surfaces_.addBody(index, added.mesh(), self_contact && !added.isRigid());
   return index;
 }
 
-// Orders last what contact may touch: nodes near obstacles where the present velocities lead. When some are missing,
-// those a little farther away come too, so that the order then lasts.
-void World::orderContactNodes(Body& body, double h) const {
-  const double edge = body.contactFinder().edgeLength();
-  const VecX x = body.positions() + h * body.velocities();
-  std::vector<int> nodes;
-  body.contactFinder().nearbyNodes(x, obstacles, 0.02 * edge, nodes);
-  if (body.contactNodesFit(nodes)) return;
-  nodes.clear();
-  body.contactFinder().nearbyNodes(x, obstacles, 0.08 * edge, nodes);
-  body.orderContactNodes(nodes);
+int World::toolRows() const {
+  const std::vector<int>& moved = contacts().bodies;
+  const auto at = std::find(moved.begin(), moved.end(), tool_);
+  return at == moved.end() ? -1 : static_cast<int>(at - moved.begin());
 }
 
-// The paper's step 1 for one body: form A and b, factorize, move freely, then contact. Its steps 2 to 6 are
-// linearize().
-bool World::stepBody(int i, const StepInput& input, StepReport& report) {
+// Obstacles are complete once the first step comes.
+void World::prepare() {
+  if (prepared_) return;
+  prepared_ = true;
+  for (std::size_t i = 0; i < obstacles.size(); ++i) {
+    friction_.setObstacle(static_cast<int>(i), obstacles[i].friction);
+    if (const std::optional<Surface> surface = surfaceOf(obstacles[i])) {
+      surfaces_.addObstacle(static_cast<int>(i), *surface);
+    }
+  }
+}
+
+// Orders last what contact may touch: nodes that were near something in the last step, and those near planes where the
+// present velocities lead. When some are missing, those a little farther away come too, so that the order then lasts.
+void World::orderContactNodes(int index, double h) {
+  Body& body = *bodies_[index];
+  const double edge = body.contactFinder().edgeLength();
+  const VecX x = body.positions() + h * body.velocities();
+  nearby_.clear();
+  stage_.touchedNodes(index, body.nodes(), nearby_);
+  body.contactFinder().nearbyNodes(x, obstacles, 0.02 * edge, nearby_);
+  if (body.contactNodesFit(nearby_)) return;
+  body.contactFinder().nearbyNodes(x, obstacles, 0.08 * edge, nearby_);
+  body.orderContactNodes(nearby_);
+}
+
+bool World::beginBody(int i, const StepInput& input, StepTimes& times) {
   Body& body = *bodies_[i];
   Stopwatch watch;
   body.assemble(input);
-  report.times.assemble += watch.lap();
-  orderContactNodes(body, input.step);
-  if (!body.factorize()) return false;
-  report.times.factorize += watch.lap();
+  times.assemble += watch.lap();
+  orderContactNodes(i, input.step);
+  const bool factorized = body.factorize();
+  times.factorize += watch.lap();
+  if (!factorized) return false;
   body.solveFree();
-  report.times.solve += watch.lap();
-  if (!stages_[i]->solve({&body}, {i}, obstacles, contact)) return false;
-  report.times.contact += watch.lap();
-  const ContactSet& set = stages_[i]->result();
-  report.contacts_found += set.candidates;
-  report.contacts += static_cast<int>(set.contacts.size());
-  report.active += set.active();
-  report.sticking += set.count(ContactState::stick);
-  report.sliding += set.active() - set.count(ContactState::stick);
-  report.solver_iterations += set.solver.iterations;
-  report.solver_residual = std::max(report.solver_residual, set.solver.residual);
-  report.passes = std::max(report.passes, set.passes);
-  report.penetration = std::max(report.penetration, set.penetration);
-  if (!set.solver.converged && report.status == StepStatus::ok) report.status = StepStatus::contact_not_converged;
+  times.solve += watch.lap();
   return body.endVelocity().allFinite() && body.endTwist().allFinite();
 }
 
-StepReport World::stepAll(const DeviceTarget& device, double h, bool advance) {
+void World::reportContacts(StepReport& report) const {
+  const ContactSet& set = stage_.result();
+  report.contacts_found = set.candidates;
+  report.contacts = static_cast<int>(set.contacts.size());
+  report.active = set.active();
+  report.sticking = set.count(ContactState::stick);
+  report.sliding = report.active - report.sticking;
+  report.solver_iterations = set.solver.iterations;
+  report.solver_residual = set.solver.residual;
+  report.passes = set.passes;
+  report.penetration = set.penetration;
+  if (!set.solver.converged && report.status == StepStatus::ok) report.status = StepStatus::contact_not_converged;
+}
+
+// The paper's step 1: form A and b, factorize, move freely, body by body; then the contacts of all. Its steps 2 to 6
+// are linearize(). A body whose system fails stands still at its last good state, and the others touch it there.
+StepReport World::stepBodies(const std::vector<int>& moving, const StepInput& input, bool advance) {
+  prepare();
   StepReport report;
-  const StepInput input{h, gravity, link, device};
-  for (int i = 0; i < bodies(); ++i) {
-    const bool good = stepBody(i, input, report);
-    Stopwatch watch;
-    if (!good || (advance && !bodies_[i]->advance())) {
-      bodies_[i]->clearVelocities();
-      stages_[i]->forget();
-      report.status = StepStatus::restored;
+  moving_.clear();
+  moving_indices_.clear();
+  const auto fail = [&](Body& body) {
+    body.clearVelocities();
+    report.status = StepStatus::restored;
+  };
+  for (const int i : moving) {
+    if (beginBody(i, input, report.times)) {
+      moving_.push_back(bodies_[i].get());
+      moving_indices_.push_back(i);
+    } else {
+      fail(*bodies_[i]);
     }
-    report.times.advance += watch.lap();
   }
+  Stopwatch watch;
+  if (surfaces_.active()) {
+    for (int i = 0; i < bodies(); ++i) surfaces_.setStart(i, bodies_[i]->positions());
+    surfaces_.examineOverlaps();
+  }
+  const ContactInput contacts{obstacles, surfaces_, friction_, contact};
+  bool good = stage_.solve(moving_, moving_indices_, contacts);
+  for (const Body* b : moving_) good = good && b->endVelocity().allFinite() && b->endTwist().allFinite();
+  if (good) reportContacts(report);
+  report.times.contact += watch.lap();
+  if (good && advance) {
+    stage_.limitMotion(moving_, moving_indices_, contacts, share_);
+    report.times.contact += watch.lap();
+    for (std::size_t b = 0; b < moving_.size(); ++b) {
+      report.motion_share = std::min(report.motion_share, share_[b]);
+      good = moving_[b]->advance(share_[b]) && good;
+    }
+  }
+  if (!good) {
+    for (Body* b : moving_) fail(*b);
+    stage_.forget();
+  }
+  report.times.advance += watch.lap();
+  return report;
+}
+
+LinkParameters World::saturatedLink(const DeviceTarget& device) const {
+  LinkParameters out = link;
+  if (!hasTool()) return out;
+  const Handle& handle = tool().handle();
+  const Vec6 wrench = linkWrenchOnDevice(link, handle.pose, handle.twist, device.pose, device.twist);
+  const double force = std::min(1.0, link_force_limit / wrench.head<3>().norm());
+  const double torque = std::min(1.0, link_torque_limit / wrench.tail<3>().norm());
+  if (force < 1) {
+    out.stiffness *= force;
+    out.damping *= force;
+  }
+  if (torque < 1) {
+    out.rotational_stiffness *= torque;
+    out.rotational_damping *= torque;
+  }
+  return out;
+}
+
+StepReport World::stepAll(const DeviceTarget& device, double h, bool advance) {
+  all_.resize(bodies_.size());
+  std::iota(all_.begin(), all_.end(), 0);
+  StepReport report = stepBodies(all_, {h, gravity, saturatedLink(device), device}, advance);
   Stopwatch watch;
   for (const auto& body : bodies_) {
     report.kinetic_energy += body->kineticEnergy();
@@ -101,31 +178,38 @@ StepReport World::step(const DeviceTarget& device, double h) { return stepAll(de
 
 StepReport World::evaluate(const DeviceTarget& device, double h) { return stepAll(device, h, false); }
 
-double World::settle(int index, const Pose& device) {
+double World::settle(const std::vector<int>& moving, const Pose& device) {
   // Backward Euler with growing steps from rest is a damped Newton iteration on the static problem.
   constexpr int kMaxSteps = 3000;
-  // nobody holds a free body: its rigid motions meet only its mass, which a long step makes small beside h^2 K
-  const double longest_step = bodies_[index]->held() ? 2.0 : 0.05;
-  constexpr double kTolerance = 1e-12;  // displacement of a step, relative to the body's mean edge
+  constexpr double kTolerance = 1e-12;  // displacement of a step, relative to the bodies' mean edge
   // in contact the solver's tolerance, times so long a step, is a floor that displacements do not fall below
   constexpr double kContactFloor = 1e-6;
   constexpr int kPatience = 5;  // steps without a smaller displacement
-  Body& body = *bodies_[index];
-  const double scale = body.contactFinder().edgeLength();
+  // nobody holds a free body: its rigid motions meet only its mass, which a long step makes small beside h^2 K
+  double longest_step = 2.0;
+  double scale = std::numeric_limits<double>::infinity();
+  std::string names;
+  for (const int i : moving) {
+    if (!bodies_[i]->held()) longest_step = 0.05;
+    scale = std::min(scale, bodies_[i]->contactFinder().edgeLength());
+    names += (names.empty() ? "" : ", ") + bodies_[i]->name();
+  }
   double h = 0.02;
   double speed = 0;
   double previous = 0;
   double best = std::numeric_limits<double>::infinity();
   int stale = 0;
-  StepReport report;
   for (int n = 0; n < kMaxSteps; ++n) {
-    body.clearVelocities();
-    if (!stepBody(index, {h, gravity, link, {device, Vec6::Zero()}}, report)) {
-      throw RunError(body.name() + ": no static equilibrium: the system is not positive definite");
+    for (const int i : moving) bodies_[i]->clearVelocities();
+    if (stepBodies(moving, {h, gravity, link, {device, Vec6::Zero()}}, true).status == StepStatus::restored) {
+      throw RunError(names + ": no static equilibrium: the system is not positive definite or not finite");
     }
-    speed = std::max(body.endVelocity().size() > 0 ? body.endVelocity().cwiseAbs().maxCoeff() : 0.0,
-                     body.endTwist().cwiseAbs().maxCoeff());
-    if (!body.advance()) throw RunError(body.name() + ": no static equilibrium: the state is not finite");
+    speed = 0;
+    for (const int i : moving) {
+      const Body& b = *bodies_[i];
+      if (b.endVelocity().size() > 0) speed = std::max(speed, b.endVelocity().cwiseAbs().maxCoeff());
+      speed = std::max(speed, b.endTwist().cwiseAbs().maxCoeff());
+    }
     const double displacement = speed * h / scale;
     stale = displacement < best ? 0 : stale + 1;
     best = std::min(best, displacement);
@@ -137,11 +221,11 @@ double World::settle(int index, const Pose& device) {
             : std::min(1.3 * h, longest_step);
     previous = displacement;
     if (n + 1 == kMaxSteps && displacement > 1e-6) {
-      throw RunError(body.name() + ": finds no static equilibrium at its pose in " + std::to_string(kMaxSteps) +
+      throw RunError(names + ": no static equilibrium at the start within " + std::to_string(kMaxSteps) +
                      " steps: does anything hold it?");
     }
   }
-  body.clearVelocities();
+  for (const int i : moving) bodies_[i]->clearVelocities();
   return speed;
 }
 

@@ -1,10 +1,12 @@
 #pragma once
 
+#include <limits>
 #include <memory>
 #include <string>
 #include <vector>
 
 #include "palpate/contact/obstacle.h"
+#include "palpate/contact/surface_contacts.h"
 #include "palpate/simulation/body.h"
 #include "palpate/simulation/contact_stage.h"
 
@@ -36,7 +38,8 @@ struct StepReport {
   int solver_iterations = 0;
   double solver_residual = 0;  ///< [m/s]
   int passes = 0;
-  double penetration = 0;                         ///< deepest surface vertex at the end of the step [m]
+  double penetration = 0;                         ///< deepest surface point in another solid at the end of the step [m]
+  double motion_share = 1;                        ///< least share of its motion that a body was let go without crossing
   double kinetic_energy = 0, elastic_energy = 0;  ///< [J], at the end
 };
 
@@ -45,11 +48,17 @@ class World {
  public:
   Vec3 gravity{0, 0, -9.81};
   LinkParameters link;
+  /// Where the link to the device saturates, as a device's motors do: beyond, it yields like a softer link with this
+  /// force [N] and torque [N m] at the start of the step.
+  double link_force_limit = std::numeric_limits<double>::infinity();
+  double link_torque_limit = std::numeric_limits<double>::infinity();
   ContactSettings contact;
+  /// Planes and solids; not to be changed after the first step.
   std::vector<Obstacle> obstacles;
 
+  /// @param self_contact  whether the body's surface touches itself
   /// @returns the body's index. The first body that holds a handle is the tool.
-  int add(Body body);
+  int add(Body body, bool self_contact = false);
   Body& body(int i) { return *bodies_[i]; }
   const Body& body(int i) const { return *bodies_[i]; }
   int bodies() const { return static_cast<int>(bodies_.size()); }
@@ -62,23 +71,38 @@ class World {
   /// As step(), but positions and velocities stay as they were: for a model at the present state. Only a step that
   /// fails brings its body to rest.
   [[nodiscard]] StepReport evaluate(const DeviceTarget& device, double h);
-  /// Brings one body (with the device held still) to static equilibrium.
+  /// Brings bodies (with the device held still) to static equilibrium together; all others stand still meanwhile.
   /// @returns the largest speed [m/s] of the last settling step
-  /// @throws RunError if it does not settle
-  double settle(int body, const Pose& device);
+  /// @throws RunError if they do not settle
+  double settle(const std::vector<int>& moving, const Pose& device);
 
-  /// Contacts of the last step of a body.
-  const ContactSet& contacts(int body) const { return stages_[body]->result(); }
-  const ContactSet& toolContacts() const { return contacts(tool_); }
+  /// Contacts of the last step, of all bodies that moved.
+  const ContactSet& contacts() const { return stage_.result(); }
+  /// Row of the tool's part in contacts().rows; -1: the tool did not move.
+  int toolRows() const;
+  int toolIndex() const { return tool_; }
+
+  /// Friction of pairs. Obstacles' and bodies' own coefficients are entered by add().
+  void setFriction(int first, int second, double coefficient) { friction_.setPair(first, second, coefficient); }
 
  private:
-  void orderContactNodes(Body& body, double h) const;
-  bool stepBody(int i, const StepInput& input, StepReport& report);
+  void prepare();
+  LinkParameters saturatedLink(const DeviceTarget& device) const;
+  void orderContactNodes(int body, double h);
+  bool beginBody(int i, const StepInput& input, StepTimes& times);
+  void reportContacts(StepReport& report) const;
   StepReport stepAll(const DeviceTarget& device, double h, bool advance);
+  StepReport stepBodies(const std::vector<int>& moving, const StepInput& input, bool advance);
 
   std::vector<std::unique_ptr<Body>> bodies_;
-  std::vector<std::unique_ptr<ContactStage>> stages_;
+  ContactStage stage_;
+  SurfaceContacts surfaces_;
+  FrictionTable friction_;
+  bool prepared_ = false;
   int tool_ = -1;
+  std::vector<Body*> moving_;
+  std::vector<int> moving_indices_, nearby_, all_;
+  std::vector<double> share_;
 };
 
 }  // namespace palpate

@@ -1,0 +1,145 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "palpate/math/types.h"
+#include "palpate/mesh/types.h"
+
+namespace palpate {
+
+/// Box around points that move along straight lines: around their starts and around their ends. Between the two, the
+/// box at time t is at most the interpolated one. Single precision, rounded outward; upper bounds are kept negated.
+struct MovingBox {
+  using Corner = Eigen::Array4f;  // x, y, z, 0
+  Corner start_low = Corner::Zero();
+  Corner start_negative_high = Corner::Zero();
+  Corner end_low = Corner::Zero();
+  Corner end_negative_high = Corner::Zero();
+
+  void include(const MovingBox& other) {
+    start_low = start_low.min(other.start_low);
+    start_negative_high = start_negative_high.min(other.start_negative_high);
+    end_low = end_low.min(other.end_low);
+    end_negative_high = end_negative_high.min(other.end_negative_high);
+  }
+  /// Sum of the extents at the start [m].
+  float size() const { return -(start_low + start_negative_high).sum(); }
+};
+
+/// Triangle surface prepared for collision: topology and a tree of boxes, both fixed, over vertices that move from
+/// `start` to `end` in a step. Not for use by several threads at once (boxes of triangles are made when asked for).
+class CollisionSurface {
+ public:
+  CollisionSurface() = default;
+  /// @param cluster_of_triangle  group of each triangle, >= 0 (such as the tetrahedron it lies in), or empty. Groups of
+  ///                             more than 64 triangles are split; without groups, clusters have up to 32.
+  /// Throws InputError for indices out of range, triangles that name a vertex twice and positions that are not finite.
+  explicit CollisionSurface(const Surface& surface, std::span<const int> cluster_of_triangle = {});
+
+  std::vector<Vec3> start;  ///< of each vertex [m]; to be followed by refit()
+  std::vector<Vec3> end;    ///< [m]
+  /// Boxes of the present start and end. Needed once for a surface that never moves; the constructor does it.
+  void refit();
+
+  const std::vector<Vec3>& rest() const { return rest_; }
+  const std::vector<std::array<int, 3>>& triangles() const { return triangles_; }
+  /// Vertices of each edge, the lower one first.
+  const std::vector<std::array<int, 2>>& edges() const { return edges_; }
+  /// Triangles at each edge; the second is -1 at a border. Of more than two the lowest two.
+  const std::vector<std::array<int, 2>>& edgeTriangles() const { return edge_triangles_; }
+  /// Edge i of a triangle runs from its corner i to corner i + 1.
+  const std::vector<std::array<int, 3>>& triangleEdges() const { return triangle_edges_; }
+  std::span<const int> trianglesAtVertex(int vertex) const {
+    const auto v = static_cast<size_t>(vertex);
+    return {vertex_triangles_.data() + vertex_offset_[v],
+            static_cast<size_t>(vertex_offset_[v + 1] - vertex_offset_[v])};
+  }
+  /// The lowest triangle at a vertex owns it, likewise for edges: bit i for corner i, bit 3 + i for edge i.
+  std::uint8_t owned(int triangle) const { return owned_[static_cast<size_t>(triangle)]; }
+  bool ownsCorner(int triangle, int i) const { return (owned(triangle) >> i & 1) != 0; }
+  bool ownsEdge(int triangle, int i) const { return (owned(triangle) >> (3 + i) & 1) != 0; }
+  int ownerOfEdge(int edge) const { return edge_triangles_[static_cast<size_t>(edge)][0]; }
+  /// Every edge has exactly two triangles, which run along it in opposite directions.
+  bool closed() const { return closed_; }
+
+  /// At a time in [0, 1] of the step, between start and end.
+  Vec3 position(int vertex, double time) const {
+    const auto v = static_cast<size_t>(vertex);
+    if (time <= 0) return start[v];
+    if (time >= 1) return end[v];
+    return (1 - time) * start[v] + time * end[v];
+  }
+  /// Twice the area long.
+  Vec3 areaNormal(int triangle, double time) const;
+  /// Sum of the unit normals of the edge's triangles.
+  Vec3 edgeNormal(int edge, double time) const;
+  /// Sum of the unit normals of the vertex's triangles, weighted by their angles there.
+  Vec3 cornerNormal(int vertex, double time) const;
+  /// Outward unit normal at the point of a triangle with these barycentric weights: of the triangle, of both triangles
+  /// at an edge, weighted by angle at a corner. Its sign tells the sides apart everywhere (Baerentzen, Aanaes 2005).
+  /// Unit z where there is no area.
+  Vec3 outwardNormal(int triangle, const std::array<double, 3>& weight, double time) const;
+  /// Weights below this mean that a point is on the outline of its triangle.
+  static constexpr double kOutline = 1e-7;
+
+  struct Node {
+    int right = -1;    ///< second child; the first follows its parent. -1: leaf
+    int cluster = -1;  ///< of a leaf
+  };
+  const std::vector<Node>& nodes() const { return nodes_; }
+  const MovingBox& nodeBox(int node) const { return node_boxes_[static_cast<size_t>(node)]; }
+  int clusters() const { return static_cast<int>(cluster_offset_.size()) - 1; }
+  std::span<const int> trianglesOfCluster(int cluster) const {
+    const auto c = static_cast<size_t>(cluster);
+    return {order_.data() + cluster_offset_[c], static_cast<size_t>(cluster_offset_[c + 1] - cluster_offset_[c])};
+  }
+  std::span<const int> verticesOfCluster(int cluster) const {
+    const auto c = static_cast<size_t>(cluster);
+    return {cluster_vertices_.data() + cluster_vertex_offset_[c],
+            static_cast<size_t>(cluster_vertex_offset_[c + 1] - cluster_vertex_offset_[c])};
+  }
+  /// In the order of trianglesOfCluster().
+  std::span<const MovingBox> triangleBoxes(int cluster) const;
+  /// Mean size of the clusters' boxes at the last refit() [m].
+  double clusterSize() const { return cluster_size_; }
+  /// Bounds of the clusters' displacements, to the accuracy of their boxes [m].
+  const Vec3& leastDisplacement() const { return least_displacement_; }
+  const Vec3& greatestDisplacement() const { return greatest_displacement_; }
+
+ private:
+  void buildEdges();
+  void buildVertexTriangles();
+  void buildClusters(std::span<const int> cluster_of_triangle);
+  void splitCluster(const std::vector<Vec3>& centers, int first, int last, int limit);
+  void buildClusterVertices();
+  int buildTree(const std::vector<Vec3>& centers, std::vector<int>& clusters, int first, int last);
+  template <class Indices>
+  MovingBox boxOf(const Indices& vertices) const;
+
+  std::vector<Vec3> rest_;
+  std::vector<std::array<int, 3>> triangles_;
+  std::vector<std::array<int, 2>> edges_;
+  std::vector<std::array<int, 2>> edge_triangles_;
+  std::vector<std::array<int, 3>> triangle_edges_;
+  std::vector<int> vertex_offset_, vertex_triangles_;
+  std::vector<std::uint8_t> owned_;
+  bool closed_ = false;
+
+  std::vector<int> order_;  // triangles, cluster by cluster
+  std::vector<int> cluster_offset_{0};
+  std::vector<int> cluster_vertex_offset_{0}, cluster_vertices_;
+  std::vector<Node> nodes_;  // preorder
+  std::vector<MovingBox> node_boxes_;
+  double cluster_size_ = 0;
+  Vec3 least_displacement_ = Vec3::Zero();
+  Vec3 greatest_displacement_ = Vec3::Zero();
+
+  std::uint64_t refits_ = 0;
+  mutable std::vector<std::uint64_t> boxes_made_at_;  // of a cluster: value of refits_
+  mutable std::vector<MovingBox> triangle_boxes_;     // as order_
+};
+
+}  // namespace palpate

@@ -1,0 +1,360 @@
+#include "palpate/contact/surface_contacts.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace palpate {
+namespace {
+
+constexpr double kSlackShare = 0.5;     // of the thickness that a pass may leave open
+constexpr int kFirstPartner = 1 << 20;  // partners below are obstacles
+
+Vec3 at(const std::vector<Vec3>& positions, const std::array<int, 3>& vertex, const std::array<double, 3>& weight) {
+  Vec3 p = Vec3::Zero();
+  for (int i = 0; i < 3; ++i) {
+    if (vertex[i] >= 0) p += weight[i] * positions[vertex[i]];
+  }
+  return p;
+}
+
+int heaviest(const std::array<int, 3>& vertex, const std::array<double, 3>& weight) {
+  int best = 0;
+  for (int i = 1; i < 3; ++i) {
+    if (vertex[i] >= 0 && weight[i] > weight[best]) best = i;
+  }
+  return vertex[best];
+}
+
+Vec3 faceNormal(const CollisionSurface& s, int triangle) {
+  const auto& t = s.triangles()[triangle];
+  return (s.start[t[1]] - s.start[t[0]]).cross(s.start[t[2]] - s.start[t[0]]);
+}
+
+// What moves almost together does not touch: surface in the same tetrahedron, or in two that share a node.
+SelfExclusion excludeNeighbors(const CollisionSurface& surface, const std::vector<int>& tetrahedron,
+                               const TetrahedralMesh& mesh) {
+  std::vector<std::vector<int>> at_node(mesh.nodes.size());
+  for (std::size_t t = 0; t < mesh.tetrahedra.size(); ++t) {
+    for (const int n : mesh.tetrahedra[t]) at_node[n].push_back(static_cast<int>(t));
+  }
+  std::vector<int> offset{0};
+  std::vector<int> neighbor, around;
+  for (const auto& t : mesh.tetrahedra) {
+    around.clear();
+    for (const int n : t) around.insert(around.end(), at_node[n].begin(), at_node[n].end());
+    std::sort(around.begin(), around.end());
+    around.erase(std::unique(around.begin(), around.end()), around.end());
+    neighbor.insert(neighbor.end(), around.begin(), around.end());
+    offset.push_back(static_cast<int>(neighbor.size()));
+  }
+  return {surface, tetrahedron, offset, neighbor};
+}
+
+std::uint64_t number(int i) { return static_cast<std::uint64_t>(static_cast<std::int64_t>(i)); }
+
+// Gradients of the barycentric coordinates of a tetrahedron where it now is; zero if it has next to no volume.
+std::array<Vec3, 4> gradients(const std::array<Vec3, 4>& x) {
+  const Vec3 a = x[1] - x[0];
+  const Vec3 b = x[2] - x[0];
+  const Vec3 c = x[3] - x[0];
+  const double volume = a.dot(b.cross(c));
+  const double size = std::max({a.norm(), b.norm(), c.norm()});
+  constexpr double kFlat = 1e-3;  // of size^3: flatter ones would take huge weights to move a point by a little
+  std::array<Vec3, 4> g;
+  g.fill(Vec3::Zero());
+  if (std::abs(volume) < kFlat * size * size * size) return g;
+  g[1] = b.cross(c) / volume;
+  g[2] = c.cross(a) / volume;
+  g[3] = a.cross(b) / volume;
+  g[0] = -g[1] - g[2] - g[3];
+  return g;
+}
+
+}  // namespace
+
+void FrictionTable::setBody(int body, double coefficient) {
+  if (static_cast<std::size_t>(body) >= bodies_.size()) bodies_.resize(static_cast<std::size_t>(body) + 1, 0.0);
+  bodies_[body] = coefficient;
+}
+
+void FrictionTable::setObstacle(int obstacle, std::optional<double> coefficient) {
+  if (static_cast<std::size_t>(obstacle) >= obstacles_.size())
+    obstacles_.resize(static_cast<std::size_t>(obstacle) + 1);
+  obstacles_[obstacle] = coefficient;
+}
+
+void FrictionTable::setPair(int first, int second, double coefficient) {
+  pairs_.push_back({std::min(first, second), std::max(first, second), coefficient});
+}
+
+double FrictionTable::operator()(int first, int second) const {
+  const int low = std::min(first, second);
+  const int high = std::max(first, second);
+  for (const Pair& p : pairs_) {
+    if (p.low == low && p.high == high) return p.coefficient;
+  }
+  if (low < 0) {
+    const auto index = static_cast<std::size_t>(-1 - low);
+    if (index < obstacles_.size() && obstacles_[index]) return *obstacles_[index];
+    return high >= 0 ? bodies_[high] : 0.0;
+  }
+  return std::sqrt(bodies_[low] * bodies_[high]);
+}
+
+int SurfaceContacts::id(const Item& item) {
+  return item.body >= 0 ? item.body : FrictionTable::obstacle(item.obstacle);
+}
+
+void SurfaceContacts::addBody(int body, const SimulationMesh& mesh, bool self) {
+  if (mesh.surface.triangles.empty()) return;
+  Item item;
+  item.body = body;
+  item.self = self;
+  std::vector<int> clusters;
+  clusters.reserve(mesh.surface.triangles.size());
+  for (const auto& t : mesh.surface.triangles) clusters.push_back(mesh.embedding[t[0]].tetrahedron);
+  // one carrier: let the surface's own places make the groups
+  if (mesh.mesh.tetrahedra.size() == 1) clusters.clear();
+  item.surface = CollisionSurface(mesh.surface, clusters);
+  item.nodes.reserve(mesh.embedding.size());
+  for (const EmbeddedPoint& p : mesh.embedding) {
+    item.nodes.push_back(mesh.mesh.tetrahedra[p.tetrahedron]);
+    item.weights.push_back(p.weights);
+    item.patch.push_back(p.tetrahedron);
+  }
+  if (self) item.exclusion = excludeNeighbors(item.surface, item.patch, mesh.mesh);
+  if (clusters.empty()) {
+    for (int c = 0; c < item.surface.clusters(); ++c) {
+      for (const int v : item.surface.verticesOfCluster(c)) item.patch[v] = c;
+    }
+  }
+  items_.push_back(std::move(item));
+  pairs_.resize(items_.size() * (items_.size() - 1) / 2);
+}
+
+void SurfaceContacts::addObstacle(int obstacle, const Surface& surface) {
+  if (surface.triangles.empty()) return;
+  Item item;
+  item.obstacle = obstacle;
+  item.surface = CollisionSurface(surface);
+  items_.push_back(std::move(item));
+  pairs_.resize(items_.size() * (items_.size() - 1) / 2);
+}
+
+bool SurfaceContacts::active() const {
+  const auto moving = std::count_if(items_.begin(), items_.end(), [](const Item& i) { return i.body >= 0; });
+  return moving > 0 && (items_.size() > 1 || items_.front().self);
+}
+
+std::size_t SurfaceContacts::triangles() const {
+  std::size_t sum = 0;
+  for (const Item& i : items_) sum += i.surface.triangles().size();
+  return sum;
+}
+
+void SurfaceContacts::place(const Item& item, const VecX& x, std::vector<Vec3>& out) {
+  for (std::size_t v = 0; v < item.nodes.size(); ++v) {
+    const auto& node = item.nodes[v];
+    const auto& weight = item.weights[v];
+    out[v] = weight[0] * x.segment<3>(3 * node[0]) + weight[1] * x.segment<3>(3 * node[1]) +
+             weight[2] * x.segment<3>(3 * node[2]) + weight[3] * x.segment<3>(3 * node[3]);
+  }
+}
+
+void SurfaceContacts::setStart(int body, const VecX& x) {
+  for (Item& item : items_) {
+    if (item.body != body) continue;
+    item.start = x;
+    place(item, x, item.surface.start);
+    item.surface.end = item.surface.start;
+    item.surface.refit();
+  }
+}
+
+void SurfaceContacts::setEnd(int body, const VecX& x) {
+  for (Item& item : items_) {
+    if (item.body != body) continue;
+    place(item, x, item.surface.end);
+    item.surface.refit();
+  }
+}
+
+void SurfaceContacts::distrust() {
+  for (PairState& p : pairs_) p.suspect = true;
+}
+
+void SurfaceContacts::examineOverlaps() {
+  overlap_ = 0;
+  for (std::size_t b = 1; b < items_.size(); ++b) {
+    for (std::size_t a = 0; a < b; ++a) {
+      PairState& state = pair(a, b);
+      if (!state.suspect || (items_[a].body < 0 && items_[b].body < 0)) continue;
+      state.points.clear();
+      findOverlaps(items_[a].surface, items_[b].surface, state.points);
+      state.suspect = !state.points.empty();
+      for (const OverlapPoint& p : state.points) overlap_ = std::max(overlap_, p.depth);
+    }
+  }
+}
+
+int SurfaceContacts::patch(const Item& item, int vertex) { return item.body < 0 ? -1 : item.patch[vertex]; }
+
+// Whether the pair's normal points out of both surfaces, as it does wherever they do not overlap.
+bool SurfaceContacts::facesOutward(const Item& a, const Item& b, const FeaturePair& pair) {
+  const auto outward = [](const CollisionSurface& s, bool edge, int feature, int triangle) -> Vec3 {
+    if (!edge) return faceNormal(s, triangle);
+    Vec3 n = faceNormal(s, s.edgeTriangles()[feature][0]);
+    if (s.edgeTriangles()[feature][1] >= 0) n += faceNormal(s, s.edgeTriangles()[feature][1]);
+    return n;
+  };
+  const bool edges = pair.kind == FeaturePair::Kind::edge_edge;
+  if (edges || pair.kind == FeaturePair::Kind::vertex_face) {
+    if (pair.normal.dot(outward(b.surface, edges, pair.second_feature, pair.second_triangle)) < 0) return false;
+  }
+  if (edges || pair.kind == FeaturePair::Kind::face_vertex) {
+    if (pair.normal.dot(outward(a.surface, edges, pair.first_feature, pair.first_triangle)) > 0) return false;
+  }
+  return true;
+}
+
+// A surface point by its triangle's vertices.
+ContactPoint SurfaceContacts::point(const Item& item, const std::array<int, 3>& vertex,
+                                    const std::array<double, 3>& weight) {
+  ContactPoint out;
+  out.body = item.body;
+  if (item.body < 0) return out;
+  for (int i = 0; i < 3; ++i) {
+    if (vertex[i] < 0 || weight[i] == 0) continue;
+    for (int k = 0; k < 4; ++k) {
+      const double w = weight[i] * item.weights[vertex[i]][k];
+      if (w != 0) out.add(item.nodes[vertex[i]][k], w);
+    }
+  }
+  return out;
+}
+
+// Moves the point off the surface by a little, along with the tetrahedron of one of its vertices. So both bodies'
+// points of a contact lie at the same place, and equal and opposite impulses have no moment.
+void SurfaceContacts::shift(const Item& item, int vertex, const Vec3& offset, ContactPoint& point) {
+  if (item.body < 0) return;
+  std::array<Vec3, 4> x;
+  for (int k = 0; k < 4; ++k) x[k] = item.start.segment<3>(3 * item.nodes[vertex][k]);
+  const std::array<Vec3, 4> g = gradients(x);
+  for (int k = 0; k < 4; ++k) point.add(item.nodes[vertex][k], g[k].dot(offset));
+}
+
+void SurfaceContacts::add(std::size_t ia, std::size_t ib, const FeaturePair& pair,
+                          const SurfaceContactSettings& settings, double mu, bool overlapping,
+                          std::vector<Contact>& out) {
+  const Item& a = items_[ia];
+  const Item& b = items_[ib];
+  const Vec3 start_a = at(a.surface.start, pair.first_vertex, pair.first_weight);
+  const Vec3 start_b = at(b.surface.start, pair.second_vertex, pair.second_weight);
+  const Vec3 end_a = at(a.surface.end, pair.first_vertex, pair.first_weight);
+  const Vec3 end_b = at(b.surface.end, pair.second_vertex, pair.second_weight);
+  if (overlapping && !facesOutward(a, b, pair)) return;
+  Contact c;
+  c.thickness = settings.thickness;
+  if (ia == ib) c.thickness = std::min(c.thickness, kSlackShare * pair.rest_distance);
+  c.slack = kSlackShare * c.thickness;
+  c.normal = pair.normal;
+  c.gap = c.normal.dot(start_a - start_b) - c.thickness;
+  c.end_gap = (pair.hit ? c.normal.dot(end_a - end_b) : pair.end_distance) - c.thickness;
+  if (pair.hit && !overlapping) c.impact_time = std::min(pair.toi, 1.0 - 1e-12);
+  c.position = 0.5 * (end_a + end_b);
+  c.friction = mu;
+  c.partner = kFirstPartner + static_cast<int>(ia * items_.size() + ib);
+  const int vertex_a = heaviest(pair.first_vertex, pair.first_weight);
+  const int vertex_b = heaviest(pair.second_vertex, pair.second_weight);
+  c.patch = contactKey(number(patch(a, vertex_a)), number(patch(b, vertex_b)));
+  const auto kind = static_cast<std::uint64_t>(pair.kind);
+  const std::uint64_t surfaces = contactKey(ia, ib, kind);
+  c.key = contactKey(surfaces, number(pair.first_feature), number(pair.second_feature));
+  c.track = pair.kind == FeaturePair::Kind::vertex_face   ? contactKey(surfaces, number(pair.first_feature))
+            : pair.kind == FeaturePair::Kind::face_vertex ? contactKey(surfaces, number(pair.second_feature))
+                                                          : c.key;
+  c.first = point(a, pair.first_vertex, pair.first_weight);
+  c.second = point(b, pair.second_vertex, pair.second_weight);
+  if (b.body >= 0 && (start_a - start_b).norm() < 2.0 * (settings.thickness + settings.reach)) {
+    const Vec3 middle = 0.5 * (start_a + start_b);
+    shift(a, vertex_a, middle - start_a, c.first);
+    shift(b, vertex_b, middle - start_b, c.second);
+  }
+  setTangents(c);
+  out.push_back(c);
+}
+
+// Surfaces that start in each other: the inner point against the other's nearest outer place.
+void SurfaceContacts::addOverlap(std::size_t ia, std::size_t ib, const OverlapPoint& overlap,
+                                 const SurfaceContactSettings& settings, double mu, std::vector<Contact>& out) {
+  const Item& inner = items_[overlap.of_first ? ia : ib];
+  const Item& outer = items_[overlap.of_first ? ib : ia];
+  Contact c;
+  c.thickness = settings.thickness;
+  c.slack = std::numeric_limits<double>::infinity();  // recovers step by step, not in passes
+  c.gap = c.end_gap = -overlap.depth - c.thickness;
+  c.friction = mu;
+  c.partner = kFirstPartner + static_cast<int>(ia * items_.size() + ib);
+  const int vertex_outer = heaviest(overlap.other_vertex, overlap.other_weight);
+  c.patch = contactKey(number(patch(inner, overlap.vertex[0])), number(patch(outer, vertex_outer)), 1);
+  c.key = c.track =
+      contactKey(contactKey(ia, ib, 3), number(overlap.vertex[0]), number(overlap.vertex[1]), overlap.of_first ? 1 : 0);
+  c.normal = overlap.normal;
+  c.first = point(inner, overlap.vertex, overlap.weight);
+  c.second = point(outer, overlap.other_vertex, overlap.other_weight);
+  c.position = at(inner.surface.end, overlap.vertex, overlap.weight);
+  if (c.first.body < 0) {
+    std::swap(c.first, c.second);
+    c.normal = -c.normal;
+  }
+  setTangents(c);
+  out.push_back(c);
+}
+
+// A path that runs into the other surface tells little about what comes after: edges that hit late do so from odd
+// sides, and what is near at its end is near from within. Those wait for the next pass, whose path stops at the first.
+void SurfaceContacts::keepDependable() {
+  constexpr double kTogether = 0.05;  // of the step
+  double first = 1.0;
+  for (const FeaturePair& p : found_) {
+    if (p.hit) first = std::min(first, p.toi);
+  }
+  const bool hits = first < 1.0;
+  std::erase_if(found_, [&](const FeaturePair& p) {
+    if (!p.hit) return p.behind || (hits && p.reference_time == 1);
+    if (p.toi <= first + kTogether) return false;
+    return p.behind || p.kind == FeaturePair::Kind::edge_edge;
+  });
+}
+
+void SurfaceContacts::find(const SurfaceContactSettings& settings, const FrictionTable& friction, bool first_pass,
+                           std::vector<Contact>& out) {
+  const double reach =
+      first_pass ? settings.thickness + settings.reach : (1.0 - kSlackShare) * settings.thickness + settings.reach;
+  for (std::size_t b = 0; b < items_.size(); ++b) {
+    if (items_[b].self) {
+      found_.clear();
+      finder_.findSelf(items_[b].surface, items_[b].exclusion, reach, found_);
+      const double mu = friction(id(items_[b]), id(items_[b]));
+      keepDependable();
+      for (const FeaturePair& p : found_) add(b, b, p, settings, mu, false, out);
+    }
+    for (std::size_t a = 0; a < b; ++a) {
+      if (items_[a].body < 0 && items_[b].body < 0) continue;
+      // the first one moves
+      const std::size_t first = items_[a].body < 0 ? b : a;
+      const std::size_t second = first == a ? b : a;
+      found_.clear();
+      finder_.find(items_[first].surface, items_[second].surface, reach, found_);
+      keepDependable();
+      const double mu = friction(id(items_[first]), id(items_[second]));
+      const PairState& state = pair(a, b);
+      for (const FeaturePair& p : found_) add(first, second, p, settings, mu, !state.points.empty(), out);
+      if (!first_pass) continue;
+      for (const OverlapPoint& p : state.points) addOverlap(a, b, p, settings, mu, out);
+    }
+  }
+}
+
+}  // namespace palpate

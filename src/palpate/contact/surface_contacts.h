@@ -1,0 +1,107 @@
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "palpate/contact/collision_surface.h"
+#include "palpate/contact/contact.h"
+#include "palpate/contact/overlap.h"
+#include "palpate/contact/surface_pairs.h"
+#include "palpate/mesh/types.h"
+
+namespace palpate {
+
+/// Coulomb coefficients: of a pair where it is given, else of the obstacle, else the geometric mean of both bodies'
+/// own. Bodies count from 0; obstacle i is -1 - i.
+class FrictionTable {
+ public:
+  void setBody(int body, double coefficient);
+  void setObstacle(int obstacle, std::optional<double> coefficient);
+  void setPair(int first, int second, double coefficient);
+  double operator()(int first, int second) const;
+  static int obstacle(int index) { return -1 - index; }
+
+ private:
+  struct Pair {
+    int low, high;
+    double coefficient;
+  };
+  std::vector<double> bodies_;
+  std::vector<std::optional<double>> obstacles_;
+  std::vector<Pair> pairs_;
+};
+
+struct SurfaceContactSettings {
+  double thickness = 2e-4;      ///< gap that surfaces keep [m]
+  double reach = 2e-4;          ///< pairs nearer than thickness + reach, at the start or the end, are candidates [m]
+  double recovery_speed = 0.5;  ///< at which surfaces that start in each other are pushed apart [m/s]
+  double step = 0.033;          ///< h [s]
+};
+
+/// Contact between triangle surfaces: of bodies, soft and rigid, with each other, with themselves, with fixed ones.
+/// Vertex against face and edge against edge, by distance and along the whole motion of a step (docs/contact.md).
+class SurfaceContacts {
+ public:
+  /// Surface of a body; its vertices follow the mesh's nodes.
+  /// @param self  whether it touches itself
+  void addBody(int body, const SimulationMesh& mesh, bool self);
+  /// Fixed surface, in world coordinates.
+  void addObstacle(int obstacle, const Surface& surface);
+  /// Whether there is anything to find.
+  bool active() const;
+
+  /// Node positions at the start of the step, and at the end that is to be examined; start must come first.
+  void setStart(int body, const VecX& x);
+  void setEnd(int body, const VecX& x);
+  /// Before the first find() of a step: looks for surfaces that start inside each other, among pairs that may.
+  void examineOverlaps();
+  /// Every pair is examined anew in the next steps (after a state was set from outside).
+  void distrust();
+
+  /// Candidates of the present start and end positions; appends.
+  /// @param first_pass  also pairs that start inside each other
+  void find(const SurfaceContactSettings& settings, const FrictionTable& friction, bool first_pass,
+            std::vector<Contact>& out);
+  /// Deepest overlap at the start [m], 0: none.
+  double overlap() const { return overlap_; }
+  std::size_t triangles() const;
+
+ private:
+  struct Item {
+    int body = -1;  // -1: fixed
+    int obstacle = -1;
+    bool self = false;
+    CollisionSurface surface;
+    SelfExclusion exclusion;
+    std::vector<std::array<int, 4>> nodes;  // of each vertex
+    std::vector<std::array<double, 4>> weights;
+    std::vector<int> patch;  // of each vertex: what moves affinely
+    VecX start;              // node positions
+  };
+  struct PairState {
+    bool suspect = true;  // may overlap
+    std::vector<OverlapPoint> points;
+  };
+  PairState& pair(std::size_t a, std::size_t b) { return pairs_[b * (b - 1) / 2 + a]; }
+  static int id(const Item& item);
+  static void place(const Item& item, const VecX& x, std::vector<Vec3>& out);
+  static int patch(const Item& item, int vertex);
+  static bool facesOutward(const Item& a, const Item& b, const FeaturePair& pair);
+  static ContactPoint point(const Item& item, const std::array<int, 3>& vertex, const std::array<double, 3>& weight);
+  static void shift(const Item& item, int vertex, const Vec3& offset, ContactPoint& point);
+  void add(std::size_t ia, std::size_t ib, const FeaturePair& pair, const SurfaceContactSettings& settings, double mu,
+           bool overlapping, std::vector<Contact>& out);
+  void keepDependable();
+  void addOverlap(std::size_t ia, std::size_t ib, const OverlapPoint& overlap, const SurfaceContactSettings& settings,
+                  double mu, std::vector<Contact>& out);
+
+  std::vector<Item> items_;
+  std::vector<PairState> pairs_;
+  SurfacePairFinder finder_;
+  std::vector<FeaturePair> found_;
+  double overlap_ = 0;
+};
+
+}  // namespace palpate

@@ -1,0 +1,621 @@
+#include "palpate/contact/surface_pairs.h"
+
+#include <algorithm>
+#include <cmath>
+#include <string>
+
+#include "palpate/common/error.h"
+#include "palpate/contact/feature_distance.h"
+
+namespace palpate {
+namespace {
+
+constexpr double kOutline = CollisionSurface::kOutline;
+constexpr double kBehind =
+    0.2;                        // sine by which a line must enter a solid at a vertex or edge that is not nearest to it
+constexpr double kFlat = 1e-6;  // sine of the angle below which a face is square to the shortest line
+
+const Vec3& at(const std::vector<Vec3>& points, int i) { return points[static_cast<size_t>(i)]; }
+
+Vec3 displacement(const CollisionSurface& s, int v) { return at(s.end, v) - at(s.start, v); }
+
+// Distance so small that the line between the points has no meaning.
+bool touching(double distance, const Vec3& p) { return distance <= 1e-13 + 1e-12 * p.cwiseAbs().maxCoeff(); }
+
+TrianglePoint vertexFaceAt(const CollisionSurface& sv, int v, const CollisionSurface& sf, int face, double t) {
+  const auto& f = sf.triangles()[static_cast<size_t>(face)];
+  return closestOnTriangle(sv.position(v, t), sf.position(f[0], t), sf.position(f[1], t), sf.position(f[2], t));
+}
+
+SegmentPair edgesAt(const CollisionSurface& sa, const std::array<int, 2>& a, const CollisionSurface& sb,
+                    const std::array<int, 2>& b, double t) {
+  return closestOnSegments(sa.position(a[0], t), sa.position(a[1], t), sb.position(b[0], t), sb.position(b[1], t));
+}
+
+Vec3 unitOr(const Vec3& v, const Vec3& other) {
+  const double n = v.stableNorm();
+  if (n > 0) return v / n;
+  const double m = other.stableNorm();
+  return m > 0 ? Vec3(other / m) : Vec3(Vec3::UnitZ());
+}
+
+// How an edge's faces lie to the shortest line that leaves it along `outward` (unit).
+struct EdgeFaces {
+  bool nearer = false;  // a face at the edge comes nearer than the edge
+  bool flat = false;    // two faces, both square to the line
+};
+EdgeFaces edgeFaces(const CollisionSurface& s, int edge, double t, const Vec3& outward) {
+  const auto& e = s.edges()[static_cast<size_t>(edge)];
+  const Vec3 a = s.position(e[0], t), along = s.position(e[1], t) - a;
+  const double length2 = along.squaredNorm();
+  EdgeFaces result;
+  int faces = 0, square = 0;
+  for (const int f : s.edgeTriangles()[static_cast<size_t>(edge)]) {
+    if (f < 0) continue;
+    ++faces;
+    int opposite = -1;
+    for (const int v : s.triangles()[static_cast<size_t>(f)])
+      if (v != e[0] && v != e[1]) opposite = v;
+    Vec3 inward = s.position(opposite, t) - a;
+    if (length2 > 0) inward -= (inward.dot(along) / length2) * along;
+    const double rise = inward.dot(outward), limit = kFlat * inward.norm();
+    if (rise > limit) result.nearer = true;
+    if (std::abs(rise) <= limit) ++square;
+  }
+  result.flat = faces == 2 && square == 2;
+  return result;
+}
+
+}  // namespace
+
+SelfExclusion::SelfExclusion(const CollisionSurface& surface, std::vector<int> group, std::vector<int> offset,
+                             std::vector<int> neighbor)
+    : group_(std::move(group)), offset_(std::move(offset)), neighbor_(std::move(neighbor)) {
+  const auto check = [](bool good, const char* what) {
+    if (!good) throw InputError("self exclusion", "", what);
+  };
+  check(group_.size() == surface.rest().size(), "needs a group for each vertex");
+  check(!offset_.empty() && offset_.front() == 0 && std::is_sorted(offset_.begin(), offset_.end()) &&
+            static_cast<size_t>(offset_.back()) == neighbor_.size(),
+        "offsets do not fit the neighbors");
+  const int groups = static_cast<int>(offset_.size()) - 1;
+  for (const int g : group_) check(g >= -1 && g < groups, "a vertex is in a group that does not exist");
+  for (int g = 0; g < groups; ++g)
+    check(std::is_sorted(neighbor_.begin() + offset_[static_cast<size_t>(g)],
+                         neighbor_.begin() + offset_[static_cast<size_t>(g) + 1]),
+          "neighbors are not sorted");
+  excludeClusters(surface);
+}
+
+bool SelfExclusion::excludesGroups(int g, int h) const {
+  if (g < 0 || h < 0) return false;
+  if (g == h) return true;
+  const auto first = neighbor_.begin() + offset_[static_cast<size_t>(g)];
+  return std::binary_search(first, neighbor_.begin() + offset_[static_cast<size_t>(g) + 1], h);
+}
+
+bool SelfExclusion::excludes(const std::array<int, 3>& first, const std::array<int, 3>& second) const {
+  for (const int v : first)
+    for (const int w : second)
+      if (v >= 0 && v == w) return true;
+  if (group_.empty()) return false;
+  for (const int v : first)
+    for (const int w : second)
+      if (v >= 0 && w >= 0 && excludesGroups(group_[static_cast<size_t>(v)], group_[static_cast<size_t>(w)]))
+        return true;
+  return false;
+}
+
+bool SelfExclusion::excludesAll(std::span<const int> groups, std::span<const int> others) const {
+  for (const int g : groups)
+    for (const int h : others)
+      if (!excludesGroups(g, h)) return false;
+  return true;
+}
+
+void SelfExclusion::excludeClusters(const CollisionSurface& surface) {
+  const int clusters = surface.clusters();
+  std::vector<std::vector<int>> groups_of(static_cast<size_t>(clusters));
+  std::vector<std::vector<int>> clusters_of(offset_.size());
+  for (int c = 0; c < clusters; ++c) {
+    auto& groups = groups_of[static_cast<size_t>(c)];
+    for (const int v : surface.verticesOfCluster(c)) groups.push_back(group_[static_cast<size_t>(v)]);
+    std::sort(groups.begin(), groups.end());
+    groups.erase(std::unique(groups.begin(), groups.end()), groups.end());
+    for (const int g : groups)
+      if (g >= 0) clusters_of[static_cast<size_t>(g)].push_back(c);
+  }
+  cluster_offset_.assign(1, 0);
+  std::vector<int> candidates;
+  for (int c = 0; c < clusters; ++c) {
+    const auto& groups = groups_of[static_cast<size_t>(c)];
+    candidates.clear();
+    if (!groups.empty() && groups.front() >= 0) {  // only clusters near any one group can be near all
+      const auto g = static_cast<size_t>(groups.front());
+      candidates = clusters_of[g];
+      for (int i = offset_[g]; i < offset_[g + 1]; ++i) {
+        const int h = neighbor_[static_cast<size_t>(i)];
+        if (h < 0 || static_cast<size_t>(h) + 1 >= offset_.size()) continue;
+        const auto& more = clusters_of[static_cast<size_t>(h)];
+        candidates.insert(candidates.end(), more.begin(), more.end());
+      }
+    }
+    std::sort(candidates.begin(), candidates.end());
+    candidates.erase(std::unique(candidates.begin(), candidates.end()), candidates.end());
+    for (const int d : candidates)
+      if (excludesAll(groups, groups_of[static_cast<size_t>(d)])) cluster_neighbor_.push_back(d);
+    cluster_offset_.push_back(static_cast<int>(cluster_neighbor_.size()));
+  }
+}
+
+bool SelfExclusion::excludesClusters(int a, int b) const {
+  if (cluster_offset_.empty()) return false;
+  const auto first = cluster_neighbor_.begin() + cluster_offset_[static_cast<size_t>(a)];
+  return std::binary_search(first, cluster_neighbor_.begin() + cluster_offset_[static_cast<size_t>(a) + 1], b);
+}
+
+struct SurfacePairFinder::Search {
+  const CollisionSurface& a;
+  const CollisionSurface& b;
+  const SelfExclusion* exclusion;  // of a search within one surface
+  double reach;
+  std::vector<FeaturePair>& out;
+
+  float box_reach = 0;  // reach, and what single precision loses
+  bool fast = false;    // boxes move by more than their size: worth asking when they meet
+  double from = 0, to = 1;
+  double first_hit = std::numeric_limits<double>::infinity();
+
+  bool self() const { return exclusion != nullptr; }
+  bool excluded(const std::array<int, 3>& p, const std::array<int, 3>& q) const {
+    return exclusion != nullptr && exclusion->excludes(p, q);
+  }
+  bool meet(const MovingBox& p, const MovingBox& q) const;
+  double threshold(double start_distance, double fraction) const { return fraction * std::min(start_distance, reach); }
+  /// Whether a pair is to be reported now: near the start in the first piece, near the end in the last, hits in theirs.
+  bool wanted(const FeaturePair& pair) const {
+    if (pair.start_distance < reach) return from <= 0;
+    if (pair.hit) return pair.toi <= to;
+    return to >= 1 && pair.end_distance < reach;
+  }
+  void report(FeaturePair& pair) {
+    if (pair.hit) first_hit = std::min(first_hit, pair.toi);
+    out.push_back(pair);
+  }
+};
+
+// Each axis gives two conditions, linear in time; boxes are apart where one fails throughout, or where they do not hold
+// at any one time together.
+bool SurfacePairFinder::Search::meet(const MovingBox& p, const MovingBox& q) const {
+  using Corner = MovingBox::Corner;
+  Corner low0 = p.start_low + q.start_negative_high, high0 = p.start_negative_high + q.start_low;
+  Corner low1 = p.end_low + q.end_negative_high, high1 = p.end_negative_high + q.end_low;
+  if (from > 0 || to < 1) {
+    const float f = static_cast<float>(from), t = static_cast<float>(to);
+    const Corner low = low1 - low0, high = high1 - high0;
+    low1 = low0 + t * low;
+    high1 = high0 + t * high;
+    low0 += f * low;
+    high0 += f * high;
+  }
+  if (low0.min(low1).max(high0.min(high1)).maxCoeff() > box_reach) return false;
+  if (!fast) return true;
+  float enter = 0, leave = 1;
+  const auto restrict = [&](const Corner& begin, const Corner& finish) {
+    for (int i = 0; i < 3; ++i) {
+      const float f0 = begin[i] - box_reach, f1 = finish[i] - box_reach;
+      if (f0 > 0)
+        enter = std::max(enter, f0 / (f0 - f1));
+      else if (f1 > 0)
+        leave = std::min(leave, f0 / (f0 - f1));
+    }
+  };
+  restrict(low0, low1);
+  restrict(high0, high1);
+  return enter <= leave + 1e-4f;
+}
+
+void SurfacePairFinder::find(const CollisionSurface& a, const CollisionSurface& b, double reach,
+                             std::vector<FeaturePair>& out) {
+  if (a.nodes().empty() || b.nodes().empty()) return;
+  Search s{a, b, nullptr, reach, out};
+  search(s);
+}
+
+void SurfacePairFinder::findSelf(const CollisionSurface& a, const SelfExclusion& exclusion, double reach,
+                                 std::vector<FeaturePair>& out) {
+  if (a.nodes().empty()) return;
+  Search s{a, a, &exclusion, reach, out};
+  search(s);
+}
+
+void SurfacePairFinder::search(Search& s) {
+  MovingBox all = s.a.nodeBox(0);
+  all.include(s.b.nodeBox(0));
+  const auto extreme = [](const MovingBox::Corner& c) { return c.head<3>().abs().maxCoeff(); };
+  const float scale = std::max(std::max(extreme(all.start_low), extreme(all.start_negative_high)),
+                               std::max(extreme(all.end_low), extreme(all.end_negative_high)));
+  s.box_reach = static_cast<float>(s.reach * (1 + 1e-6)) + 1e-6f * scale;
+
+  const Vec3 relative = (s.a.greatestDisplacement() - s.b.leastDisplacement())
+                            .cwiseMax(s.b.greatestDisplacement() - s.a.leastDisplacement());
+  const double size = std::max(1e-9, 0.5 * (s.a.clusterSize() + s.b.clusterSize()));
+  const double ratio = relative.norm() / (size + s.reach);
+  s.fast = ratio > 0.5;
+  const int pieces =
+      std::isfinite(ratio)
+          ? static_cast<int>(std::clamp(std::ceil(0.5 * ratio), 1.0, static_cast<double>(settings_.max_pieces)))
+          : 1;
+  for (int i = 0; i < pieces; ++i) {
+    s.from = static_cast<double>(i) / pieces;
+    s.to = static_cast<double>(i + 1) / pieces;
+    if (s.self())
+      expandSelf(s);
+    else
+      descend(s, {0, 0});
+    if (s.first_hit <= s.to) break;
+  }
+}
+
+void SurfacePairFinder::expandSelf(Search& s) {
+  const auto& nodes = s.a.nodes();
+  for (int i = 0; i < static_cast<int>(nodes.size()); ++i) {
+    const auto& node = nodes[static_cast<size_t>(i)];
+    if (node.right >= 0)
+      descend(s, {i + 1, node.right});
+    else if (!s.exclusion->excludesClusters(node.cluster, node.cluster))
+      testClusters(s, node.cluster, node.cluster);
+  }
+}
+
+void SurfacePairFinder::descend(Search& s, NodePair root) {
+  stack_.clear();
+  stack_.push_back(root);
+  while (!stack_.empty()) {
+    const NodePair p = stack_.back();
+    stack_.pop_back();
+    const MovingBox &box_a = s.a.nodeBox(p.a), &box_b = s.b.nodeBox(p.b);
+    if (!s.meet(box_a, box_b)) continue;
+    const auto &na = s.a.nodes()[static_cast<size_t>(p.a)], &nb = s.b.nodes()[static_cast<size_t>(p.b)];
+    if (na.right < 0 && nb.right < 0) {
+      if (!s.self() || !s.exclusion->excludesClusters(na.cluster, nb.cluster)) testClusters(s, na.cluster, nb.cluster);
+    } else if (nb.right < 0 || (na.right >= 0 && box_a.size() >= box_b.size())) {
+      stack_.push_back({p.a + 1, p.b});
+      stack_.push_back({na.right, p.b});
+    } else {
+      stack_.push_back({p.a, p.b + 1});
+      stack_.push_back({p.a, nb.right});
+    }
+  }
+}
+
+void SurfacePairFinder::testClusters(Search& s, int ca, int cb) {
+  const auto gather = [&s](const CollisionSurface& surface, int cluster, const MovingBox& other,
+                           std::vector<Local>& local, MovingBox& around) {
+    const auto boxes = surface.triangleBoxes(cluster);
+    const auto triangles = surface.trianglesOfCluster(cluster);
+    local.clear();
+    for (size_t i = 0; i < boxes.size(); ++i) {
+      if (!s.meet(boxes[i], other)) continue;
+      if (local.empty())
+        around = boxes[i];
+      else
+        around.include(boxes[i]);
+      local.push_back({boxes[i], triangles[i]});
+    }
+  };
+  const auto around = [](std::span<const MovingBox> boxes) {
+    MovingBox all = boxes.front();
+    for (const MovingBox& box : boxes) all.include(box);
+    return all;
+  };
+  const bool same = s.self() && ca == cb;
+  MovingBox around_a, around_b;
+  gather(s.a, ca, around(s.b.triangleBoxes(cb)), local_a_, around_a);
+  if (local_a_.empty()) return;
+  gather(s.b, cb, same ? around(s.b.triangleBoxes(cb)) : around_a, local_b_, around_b);
+  for (const Local& p : local_a_)
+    for (const Local& q : local_b_)
+      if ((!same || p.triangle < q.triangle) && s.meet(p.box, q.box)) testTriangles(s, p.triangle, q.triangle);
+}
+
+void SurfacePairFinder::testTriangles(Search& s, int ta, int tb) {
+  const auto &va = s.a.triangles()[static_cast<size_t>(ta)], &vb = s.b.triangles()[static_cast<size_t>(tb)];
+  const auto &ea = s.a.triangleEdges()[static_cast<size_t>(ta)], &eb = s.b.triangleEdges()[static_cast<size_t>(tb)];
+  for (int i = 0; i < 3; ++i) {
+    const auto k = static_cast<size_t>(i);
+    if (s.a.ownsCorner(ta, i)) testVertexFace(s, true, va[k], ta, tb);
+    if (s.b.ownsCorner(tb, i)) testVertexFace(s, false, vb[k], tb, ta);
+    if (!s.a.ownsEdge(ta, i)) continue;
+    for (int j = 0; j < 3; ++j)
+      if (s.b.ownsEdge(tb, j)) testEdgeEdge(s, ea[k], eb[static_cast<size_t>(j)]);
+  }
+}
+
+// A vertex against faces of another surface (or of its own), within one search.
+struct SurfacePairFinder::Faces {
+  const Search& s;
+  const PairSettings& settings;
+  const CollisionSurface& sv;
+  const CollisionSurface& sf;
+
+  bool excluded(int v, int face) const { return s.excluded({v, -1, -1}, sf.triangles()[static_cast<size_t>(face)]); }
+  Approach approach(int v, int face, double min_distance) const {
+    const auto& f = sf.triangles()[static_cast<size_t>(face)];
+    return timeOfApproach(
+        FeatureKind::vertex_face, {at(sv.start, v), at(sf.start, f[0]), at(sf.start, f[1]), at(sf.start, f[2])},
+        {at(sv.end, v), at(sf.end, f[0]), at(sf.end, f[1]), at(sf.end, f[2])}, min_distance, settings.max_iterations);
+  }
+  /// Bound of how far the vertex moves relative to any point of the face.
+  double travel(int v, int face) const {
+    const Vec3 dv = displacement(sv, v);
+    double l2 = 0;
+    for (const int w : sf.triangles()[static_cast<size_t>(face)])
+      l2 = std::max(l2, (dv - displacement(sf, w)).squaredNorm());
+    return std::sqrt(l2);
+  }
+  Vec3 normalByFace(int face) const { return unitOr(sf.areaNormal(face, 0), Vec3::UnitZ()); }
+  /// Touching at the start: a hit unless the end is clear of the face's plane.
+  Approach leaving(int v, int face, const TrianglePoint& q, const Vec3& n) const {
+    const auto& f = sf.triangles()[static_cast<size_t>(face)];
+    double end_gap = n.dot(at(sv.end, v));
+    for (size_t i = 0; i < 3; ++i) end_gap -= q.weight[i] * n.dot(at(sf.end, f[i]));
+    return end_gap > 0 ? Approach{1, false} : Approach{0, true};
+  }
+  /// The hit of a vertex with a face, from scratch.
+  Approach hit(int v, int face) const {
+    const TrianglePoint q = vertexFaceAt(sv, v, sf, face, 0);
+    if (touching(q.distance, at(sv.start, v))) return leaving(v, face, q, normalByFace(face));
+    const double least = s.threshold(q.distance, settings.hit_fraction);
+    if (q.distance - travel(v, face) >= least) return {1, false};
+    return approach(v, face, least);
+  }
+  /// Calls visit(other face) for the other faces at the edge or corner where q is, until it returns true.
+  template <class Visit>
+  bool anyNeighbor(int face, const TrianglePoint& q, Visit visit) const {
+    int inside = 0, last = 0;
+    for (int i = 0; i < 3; ++i)
+      if (q.weight[static_cast<size_t>(i)] > kOutline) {
+        ++inside;
+        last = i;
+      }
+    if (inside == 3) return false;
+    if (inside == 1) {
+      for (const int f : sf.trianglesAtVertex(sf.triangles()[static_cast<size_t>(face)][static_cast<size_t>(last)]))
+        if (f != face && visit(f)) return true;
+      return false;
+    }
+    int edge = 0;  // opposite the corner without weight: from the next corner on
+    for (int i = 0; i < 3; ++i)
+      if (!(q.weight[static_cast<size_t>(i)] > kOutline)) edge = (i + 1) % 3;
+    const int e = sf.triangleEdges()[static_cast<size_t>(face)][static_cast<size_t>(edge)];
+    for (const int f : sf.edgeTriangles()[static_cast<size_t>(e)])
+      if (f >= 0 && f != face && visit(f)) return true;
+    return false;
+  }
+  /// Another face at the same edge or corner is nearer at time t, or as near and lower.
+  bool neighborNearer(int v, int face, const TrianglePoint& q, double t) const {
+    return anyNeighbor(face, q, [&](int f) {
+      if (excluded(v, f)) return false;
+      const double d = vertexFaceAt(sv, v, sf, f, t).distance;
+      return d < q.distance || (d == q.distance && f < face);
+    });
+  }
+  bool neighborHitFirst(int v, int face, const TrianglePoint& q, double toi) const {
+    return anyNeighbor(face, q, [&](int f) {
+      if (excluded(v, f)) return false;
+      const Approach other = hit(v, f);
+      return other.reached && (other.time < toi || (other.time == toi && f < face));
+    });
+  }
+  /// The nearest point is on the face's outline, and a face at the vertex is nearer to it than the vertex is: then this
+  /// is a vertex beside an edge, and the edge's own pairs say more.
+  bool besideEdge(int v, int face, const TrianglePoint& q, double t) const {
+    if (std::min({q.weight[0], q.weight[1], q.weight[2]}) > kOutline) return false;
+    const auto& f = sf.triangles()[static_cast<size_t>(face)];
+    const Vec3 x = sv.position(v, t);
+    Vec3 line = -x;
+    for (size_t i = 0; i < 3; ++i) line += q.weight[i] * sf.position(f[i], t);
+    for (const int g : sv.trianglesAtVertex(v))
+      for (const int w : sv.triangles()[static_cast<size_t>(g)]) {
+        const Vec3 along = sv.position(w, t) - x;
+        if (w != v && line.dot(along) > kFlat * line.norm() * along.norm()) return true;
+      }
+    return false;
+  }
+  /// Worth a pair at time t, which is not an impact.
+  bool nearest(int v, int face, const TrianglePoint& q, double t) const {
+    return !neighborNearer(v, face, q, t) && !besideEdge(v, face, q, t);
+  }
+  /// Vertex v is nearest to a vertex w, and w to v: one of the two pairs is enough.
+  bool mirrored(int v, int face, const TrianglePoint& q, double t, bool vertex_first) const {
+    int corner = -1;
+    for (size_t i = 0; i < 3; ++i)
+      if (q.weight[i] > 1 - kOutline) corner = sf.triangles()[static_cast<size_t>(face)][i];
+    if (corner < 0 || (s.self() ? v < corner : vertex_first)) return false;
+    for (const int f : sv.trianglesAtVertex(v)) {
+      if (s.excluded({corner, -1, -1}, sv.triangles()[static_cast<size_t>(f)])) return false;
+      if (vertexFaceAt(sf, corner, sv, f, t).distance < q.distance * (1 - 1e-9)) return false;
+    }
+    return true;
+  }
+};
+
+void SurfacePairFinder::testVertexFace(Search& s, bool vertex_first, int vertex, int owner, int face) {
+  const Faces faces{s, settings_, vertex_first ? s.a : s.b, vertex_first ? s.b : s.a};
+  const CollisionSurface &sv = faces.sv, &sf = faces.sf;
+  TrianglePoint q = vertexFaceAt(sv, vertex, sf, face, 0);
+  FeaturePair pair;
+  pair.start_distance = q.distance;
+  const bool near_start = q.distance < s.reach;
+  if (near_start && s.from > 0) return;
+  const double travel = faces.travel(vertex, face);
+  if (q.distance - travel > s.reach || faces.excluded(vertex, face)) return;
+
+  const bool touch = touching(q.distance, at(sv.start, vertex));
+  const double least = s.threshold(q.distance, settings_.hit_fraction);
+  Approach approach;
+  if (touch)
+    approach = faces.leaving(vertex, face, q, faces.normalByFace(face));
+  else if (q.distance - travel < least)
+    approach = faces.approach(vertex, face, least);
+  pair.hit = approach.reached;
+  pair.toi = pair.hit ? approach.time : 1;
+  const TrianglePoint q_end = vertexFaceAt(sv, vertex, sf, face, 1);
+  pair.end_distance = q_end.distance;
+  if (!s.wanted(pair)) return;
+
+  if (pair.hit) {
+    pair.reference_time = pair.toi;
+    q = vertexFaceAt(sv, vertex, sf, face, pair.toi);
+    if (faces.neighborHitFirst(vertex, face, q, pair.toi)) return;
+  } else if (near_start && faces.nearest(vertex, face, q, 0)) {
+    pair.reference_time = 0;
+  } else if (pair.end_distance < s.reach && faces.nearest(vertex, face, q_end, 1)) {
+    pair.reference_time = 1;
+    q = q_end;
+  } else {
+    return;
+  }
+  const double t = pair.reference_time;
+  if (faces.mirrored(vertex, face, q, t, vertex_first)) return;
+
+  const auto& f = sf.triangles()[static_cast<size_t>(face)];
+  Vec3 line = sv.position(vertex, t), line_end = at(sv.end, vertex);
+  const bool clear = !touching(q.distance, line);
+  for (size_t i = 0; i < 3; ++i) {
+    line -= q.weight[i] * sf.position(f[i], t);
+    line_end -= q.weight[i] * at(sf.end, f[i]);
+  }
+  Vec3 normal = clear ? unitOr(line, Vec3::UnitZ()) : faces.normalByFace(face);
+  if (pair.hit) pair.end_distance = normal.dot(line_end);
+  if (s.self()) {
+    const auto& rest = sv.rest();
+    const double d = closestOnTriangle(at(rest, vertex), at(rest, f[0]), at(rest, f[1]), at(rest, f[2])).distance;
+    if (d < s.reach) pair.rest_distance = d;
+  }
+  const Vec3 out = sv.cornerNormal(vertex, t);
+  pair.behind = normal.dot(sf.outwardNormal(face, q.weight, t)) < 0 || normal.dot(out) > kBehind * out.norm();
+  pair.kind = vertex_first ? FeaturePair::Kind::vertex_face : FeaturePair::Kind::face_vertex;
+  const std::array<int, 3> corner{vertex, -1, -1};
+  const std::array<double, 3> one{1, 0, 0};
+  pair.normal = vertex_first ? normal : Vec3(-normal);
+  pair.first_vertex = vertex_first ? corner : f;
+  pair.second_vertex = vertex_first ? f : corner;
+  pair.first_weight = vertex_first ? one : q.weight;
+  pair.second_weight = vertex_first ? q.weight : one;
+  pair.first_feature = vertex_first ? vertex : face;
+  pair.second_feature = vertex_first ? face : vertex;
+  pair.first_triangle = vertex_first ? owner : face;
+  pair.second_triangle = vertex_first ? face : owner;
+  s.report(pair);
+}
+
+void SurfacePairFinder::testEdgeEdge(Search& s, int edge_a, int edge_b) {
+  const auto &a = s.a.edges()[static_cast<size_t>(edge_a)], &b = s.b.edges()[static_cast<size_t>(edge_b)];
+  FeaturePair pair;
+  SegmentPair q = edgesAt(s.a, a, s.b, b, 0);
+  pair.start_distance = q.distance;
+  const bool near_start = q.distance < s.reach;
+  if (near_start && s.from > 0) return;
+  double travel2 = 0;
+  for (const int v : a)
+    for (const int w : b) travel2 = std::max(travel2, (displacement(s.a, v) - displacement(s.b, w)).squaredNorm());
+  const double travel = std::sqrt(travel2);
+  if (q.distance - travel > s.reach) return;
+  pair.first_vertex = {a[0], a[1], -1};
+  pair.second_vertex = {b[0], b[1], -1};
+  if (s.excluded(pair.first_vertex, pair.second_vertex)) return;
+
+  const Faces a_on_b{s, settings_, s.a, s.b}, b_on_a{s, settings_, s.b, s.a};
+  const auto inside = [](const SegmentPair& p) {
+    return p.s > kOutline && p.s < 1 - kOutline && p.t > kOutline && p.t < 1 - kOutline;
+  };
+  const auto line = [&](const SegmentPair& p, double t) {
+    return Vec3((1 - p.s) * s.a.position(a[0], t) + p.s * s.a.position(a[1], t) - (1 - p.t) * s.b.position(b[0], t) -
+                p.t * s.b.position(b[1], t));
+  };
+  // out of both surfaces' faces where the edges touch; square to both edges where they have a common normal
+  const auto touchingNormal = [&](double t) {
+    const Vec3 out = s.b.edgeNormal(edge_b, t) - s.a.edgeNormal(edge_a, t);
+    const Vec3 da = s.a.position(a[1], t) - s.a.position(a[0], t);
+    const Vec3 db = s.b.position(b[1], t) - s.b.position(b[0], t);
+    const Vec3 across = da.cross(db);
+    if (!(across.norm() > 1e-6 * da.norm() * db.norm())) return unitOr(out, Vec3::UnitZ());
+    return unitOr(across.dot(out) < 0 ? Vec3(-across) : across, out);
+  };
+  const auto normalAt = [&](const SegmentPair& p, double t) {
+    if (touching(p.distance, s.a.position(a[0], t))) return touchingNormal(t);
+    return unitOr(line(p, t), Vec3::UnitZ());
+  };
+  // worth a contact of its own at time t, which is not an impact
+  const auto sharp = [&](const SegmentPair& p, double t) {
+    if (!inside(p)) return false;
+    const Vec3 n = normalAt(p, t);
+    const EdgeFaces fa = edgeFaces(s.a, edge_a, t, -n), fb = edgeFaces(s.b, edge_b, t, n);
+    return !fa.nearer && !fb.nearer && !fa.flat && !fb.flat;
+  };
+  const auto vertexHits = [&](const Faces& faces, int v, int edge) {
+    for (const int f : faces.sf.edgeTriangles()[static_cast<size_t>(edge)])
+      if (f >= 0 && !faces.excluded(v, f) && faces.hit(v, f).reached) return true;
+    return false;
+  };
+  // a hit that others stand for
+  const auto redundantHit = [&](const SegmentPair& p, double t) {
+    if (p.s <= kOutline && vertexHits(a_on_b, a[0], edge_b)) return true;
+    if (p.s >= 1 - kOutline && vertexHits(a_on_b, a[1], edge_b)) return true;
+    if (p.t <= kOutline && vertexHits(b_on_a, b[0], edge_a)) return true;
+    if (p.t >= 1 - kOutline && vertexHits(b_on_a, b[1], edge_a)) return true;
+    if (!inside(p)) return false;
+    const Vec3 n = normalAt(p, t);
+    return edgeFaces(s.a, edge_a, t, -n).flat || edgeFaces(s.b, edge_b, t, n).flat;
+  };
+
+  Approach approach;
+  const double least = s.threshold(q.distance, settings_.hit_fraction);
+  if (touching(q.distance, at(s.a.start, a[0]))) {
+    approach = touchingNormal(0).dot(line(q, 1)) > 0 ? Approach{1, false} : Approach{0, true};
+  } else if (q.distance - travel < least) {
+    approach = timeOfApproach(
+        FeatureKind::edge_edge, {at(s.a.start, a[0]), at(s.a.start, a[1]), at(s.b.start, b[0]), at(s.b.start, b[1])},
+        {at(s.a.end, a[0]), at(s.a.end, a[1]), at(s.b.end, b[0]), at(s.b.end, b[1])}, least, settings_.max_iterations);
+  }
+  pair.hit = approach.reached;
+  pair.toi = pair.hit ? approach.time : 1;
+  const SegmentPair q_end = edgesAt(s.a, a, s.b, b, 1);
+  pair.end_distance = q_end.distance;
+  if (!s.wanted(pair)) return;
+
+  if (pair.hit) {
+    pair.reference_time = pair.toi;
+    q = edgesAt(s.a, a, s.b, b, pair.toi);
+    if (redundantHit(q, pair.toi)) return;
+  } else if (near_start && sharp(q, 0)) {
+    pair.reference_time = 0;
+  } else if (pair.end_distance < s.reach && sharp(q_end, 1)) {
+    pair.reference_time = 1;
+    q = q_end;
+  } else {
+    return;
+  }
+  pair.kind = FeaturePair::Kind::edge_edge;
+  pair.normal = normalAt(q, pair.reference_time);
+  if (pair.hit) pair.end_distance = pair.normal.dot(line(q, 1));
+  const double t = pair.reference_time;
+  const Vec3 out_a = s.a.edgeNormal(edge_a, t), out_b = s.b.edgeNormal(edge_b, t);
+  pair.behind = -pair.normal.dot(out_b) > kBehind * out_b.norm() || pair.normal.dot(out_a) > kBehind * out_a.norm();
+  if (s.self()) {
+    const auto& rest = s.a.rest();
+    const double d = closestOnSegments(at(rest, a[0]), at(rest, a[1]), at(rest, b[0]), at(rest, b[1])).distance;
+    if (d < s.reach) pair.rest_distance = d;
+  }
+  pair.first_weight = {1 - q.s, q.s, 0};
+  pair.second_weight = {1 - q.t, q.t, 0};
+  pair.first_feature = edge_a;
+  pair.second_feature = edge_b;
+  pair.first_triangle = s.a.ownerOfEdge(edge_a);
+  pair.second_triangle = s.b.ownerOfEdge(edge_b);
+  s.report(pair);
+}
+
+}  // namespace palpate
