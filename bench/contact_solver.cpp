@@ -1,15 +1,21 @@
-// Contact solver: cold, and warm from the step before, against projected Gauss-Seidel. Counters: iterations of the last
-// solve, residual relative to the largest velocity, sticking contacts, slipping ones.
+// Contact solver: cold, and warm from the step before, against other methods (contact_rivals.h). Counters: iterations
+// of the last solve, residual relative to the largest velocity, sticking contacts, slipping ones.
 
 #include "palpate/solver/contact_solver.h"
 
 #include <benchmark/benchmark.h>
 
-#include "../tests/solver/contact_problems.h"
+#include <algorithm>
+
+#include "../tests/solver/coupled_problems.h"
+#include "contact_rivals.h"
 
 namespace palpate {
 namespace {
 
+using testing::CoupledProblem;
+using testing::CoupledScene;
+using testing::Coupling;
 using testing::OwnedProblem;
 using testing::SoftBar;
 
@@ -87,33 +93,74 @@ void warm(benchmark::State& state, Kind kind, bool exact) {
   report(state, p, iterations, lambda, status);
 }
 
-/// Projected Gauss-Seidel, the usual choice: per contact one step of 1/rho along -w and back onto the cone. Exact cone.
-void projected(benchmark::State& state, Kind kind) {
-  const OwnedProblem p = problem(kind, true, false);
-  constexpr int limit = 2000;
-  VecX lambda, w;
-  int sweeps = 0;
+enum class Method { palpate, warm, gauss_seidel, gradient, newton, anticipation };
+
+/// Coupled bodies: the solver, cold and warm, and other methods to a residual of 1e-8 or their limit; counters as
+/// above.
+void coupled(benchmark::State& state, Coupling kind, int contacts, bool exact, Method method) {
+  CoupledScene scene;
+  scene.kind = kind;
+  scene.contacts = contacts;
+  const CoupledProblem before = scene.make({exact, 8});
+  if (method == Method::warm) {
+    scene.drag *= 1.03;
+    scene.press *= 1.02;
+  }
+  const CoupledProblem p = scene.make({exact, 8});
+  constexpr double accuracy = 1e-8;
+  // so that no method takes much more than a second or two at 500 contacts
+  const int sweeps = std::clamp(200000000 / (contacts * contacts), 1000, 5000);
+  ContactSolver solver;
+  rivals::Outcome o;
+  VecX start;
+  std::vector<ContactStatus> start_status, status;
+  if (method == Method::warm) solver.solve(before.view(), {}, start, start_status);
   for (auto _ : state) {
-    lambda.setZero(p.free.size());
-    w = p.free;
-    double change = 1.0;
-    for (sweeps = 0; sweeps < limit && change > 1e-10 * scale(p); ++sweeps) {
-      change = 0.0;
-      for (int i = 0; i < p.contacts(); ++i) {
-        const auto block = p.delassus.block<3, 3>(3 * i, 3 * i);
-        const Vec3 old = lambda.segment<3>(3 * i);
-        Vec3 next = old;
-        next[0] = std::max(0.0, old[0] - (w[3 * i] - p.bias[i]) / block(0, 0));
-        next.tail<2>() -= w.segment<2>(3 * i + 1) / block.bottomRightCorner<2, 2>().trace();
-        const double length = next.tail<2>().norm(), radius = p.friction[i] * next[0];
-        if (length > radius) next.tail<2>() *= radius / length;
-        w.noalias() += p.delassus.middleCols<3>(3 * i) * (next - old);
-        lambda.segment<3>(3 * i) = next;
-        change = std::max(change, block.trace() * (next - old).norm());
+    switch (method) {
+      case Method::palpate:
+      case Method::warm:
+        o.lambda = start;
+        status = start_status;
+        o.iterations = solver.solve(p.view(), {}, o.lambda, status).iterations;
+        break;
+      case Method::gauss_seidel:
+        o = rivals::projectedGaussSeidel(p.view(), accuracy, sweeps);
+        break;
+      case Method::gradient:
+        o = rivals::acceleratedProjectedGradient(p.view(), accuracy, sweeps);
+        break;
+      case Method::newton:
+        o = rivals::nonsmoothNewton(p.view(), accuracy, contacts > 200 ? 10 : 50);
+        break;
+      case Method::anticipation:
+        o = rivals::constraintAnticipation(p.view(), p.system, p.jacobian, p.momentum, accuracy, sweeps / 5);
+        break;
+    }
+  }
+  report(state, p, o.iterations, o.lambda, status);
+}
+
+void registerCoupled() {
+  const std::vector<std::pair<const char*, Method>> methods = {{"cold", Method::palpate},
+                                                               {"warm", Method::warm},
+                                                               {"projected_gauss_seidel", Method::gauss_seidel},
+                                                               {"projected_gradient", Method::gradient},
+                                                               {"nonsmooth_newton", Method::newton},
+                                                               {"constraint_anticipation", Method::anticipation}};
+  for (const auto& [kind, kind_name] : testing::allCouplings()) {
+    for (const int contacts : {10, 100, 500}) {
+      for (const bool exact : {false, true}) {
+        for (const auto& [method_name, method] : methods) {
+          if (method == Method::gradient && !exact) continue;
+          const std::string name = std::string("coupled/") + kind_name + "/" + std::to_string(contacts) +
+                                   (exact ? "/exact/" : "/facets8/") + method_name;
+          auto* b = benchmark::RegisterBenchmark(name.c_str(), coupled, kind, contacts, exact, method);
+          b->Unit(benchmark::kMillisecond);
+          if (contacts >= 100) b->Iterations(1);
+        }
       }
     }
   }
-  report(state, p, sweeps, lambda, {});
 }
 
 void registerAll() {
@@ -131,10 +178,8 @@ void registerAll() {
       benchmark::RegisterBenchmark((base + cone + "/cold").c_str(), cold, kind, exact)->Unit(benchmark::kMillisecond);
       benchmark::RegisterBenchmark((base + cone + "/warm").c_str(), warm, kind, exact)->Unit(benchmark::kMillisecond);
     }
-    benchmark::RegisterBenchmark((base + "/exact/projected_gauss_seidel").c_str(), projected, kind)
-        ->Unit(benchmark::kMillisecond)
-        ->Iterations(1);
   }
+  registerCoupled();
 }
 
 [[maybe_unused]] const bool registered = (registerAll(), true);

@@ -19,6 +19,12 @@ using MapX = Eigen::Map<MatX>;
 constexpr double first_shift = 1e-2;
 constexpr double shift_down = 0.5;
 constexpr double shift_up = 5.0;
+// Sweeps and Newton steps spent on proximal rounds before the interior-point method. Its iterations: at most; fewer
+// than `least` are not worth a start; how near the border a step may end.
+constexpr int first_proximal = 30;
+constexpr int most_interior = 25;
+constexpr int least_interior = 12;
+constexpr double near_border = 0.95;
 constexpr double infinity = std::numeric_limits<double>::infinity();
 
 double cornerAngle(double index, int facets) { return 2.0 * std::numbers::pi * index / facets; }
@@ -254,6 +260,141 @@ struct PolygonSlide {
   }
 };
 
+/// One contact's cone as linear inequalities or a second-order cone, for the interior-point method: slack s = G lambda
+/// lies in the self-dual C, which is the positive orthant (a row for each edge of the polygon, or the normal impulse
+/// alone without friction) or the round cone |(s_1, s_2)| <= s_0.
+class ConeRows {
+ public:
+  ConeRows(const FrictionCone& cone, const std::vector<Vec2>& normals, double mu)
+      : normals_(normals), mu_(mu), reach_(mu * std::cos(std::numbers::pi / std::max(cone.facets, 3))) {
+    round_ = cone.exact && mu > 0.0;
+    size_ = mu == 0.0 ? 1 : cone.exact ? 3 : cone.facets;
+  }
+  int size() const { return size_; }
+  int degree() const { return round_ ? 1 : size_; }
+
+  void slack(const Vec3& lambda, double* s) const {
+    for (int k = 0; k < size_; ++k) s[k] = row(k).dot(lambda);
+  }
+  Vec3 back(const double* z) const {
+    Vec3 sum = Vec3::Zero();
+    for (int k = 0; k < size_; ++k) sum += z[k] * row(k);
+    return sum;
+  }
+  /// mu times the support function of the cross-section in the direction -w_t: the normal velocity that turns Coulomb's
+  /// law into complementarity of the cone and its dual (de Saxce and Feng). And its derivative.
+  double dissipation(const Vec2& w, const std::vector<Vec2>& corners, Vec2& slope) const {
+    slope.setZero();
+    if (mu_ == 0.0) return 0.0;
+    if (round_) {
+      if (!w.isZero(0.0)) slope = mu_ * w.normalized();
+    } else {
+      Vec2 most = corners.front();
+      for (const Vec2& d : corners)
+        if (w.dot(d) < w.dot(most)) most = d;
+      slope = -mu_ * most;
+    }
+    return slope.dot(w);
+  }
+  static double distance(const double* s) {  // s^T J s without cancellation
+    const double tail = std::hypot(s[1], s[2]);
+    return (s[0] - tail) * (s[0] + tail);
+  }
+
+  /// Scaling of Nesterov and Todd for the round cone, s = N t, z = N^-1 t; for the orthant N is diagonal.
+  struct Scaling {
+    Mat3 n = Mat3::Identity(), inverse = Mat3::Identity();
+    Vec3 point = Vec3::Zero();
+  };
+  Scaling scaling(const double* s, const double* z) const {
+    Scaling result;
+    const double ds = distance(s), dz = distance(z);
+    const Vec3 unit_s = Vec3(s[0], s[1], s[2]) / std::sqrt(ds), unit_z = Vec3(z[0], z[1], z[2]) / std::sqrt(dz);
+    const double gamma = std::sqrt(0.5 * (1.0 + unit_s.dot(unit_z)));
+    Vec3 v = (unit_s + mirror(unit_z)) / (2.0 * gamma);
+    v[0] += 1.0;
+    v /= std::sqrt(2.0 * v[0]);
+    const double beta = std::pow(ds / dz, 0.25);
+    const Mat3 j = Vec3(1, -1, -1).asDiagonal();
+    const Vec3 u = mirror(v);
+    result.n = beta * (2.0 * v * v.transpose() - j);
+    result.inverse = (2.0 * u * u.transpose() - j) / beta;
+    result.point = result.n * Vec3(z[0], z[1], z[2]);
+    return result;
+  }
+  /// What the contact adds to W in the Newton matrix.
+  Mat3 stiffness(const double* s, const double* z) const {
+    Mat3 sum = Mat3::Zero();
+    if (round_) {
+      const Mat3 g = scaling(s, z).inverse * Vec3(mu_, 1.0, 1.0).asDiagonal();
+      return g.transpose() * g;
+    }
+    for (int k = 0; k < size_; ++k) sum += (z[k] / s[k]) * row(k) * row(k).transpose();
+    return sum;
+  }
+  /// The dual step at lambda held, c in dz = c - stiffness ds: towards s z = target, less the product of the
+  /// predictor's steps ds, dz.
+  void center(const double* s, const double* z, double target, const double* ds, const double* dz, double* c) const {
+    if (!round_) {
+      for (int k = 0; k < size_; ++k) c[k] = (target - ds[k] * dz[k]) / s[k] - z[k];
+      return;
+    }
+    const Scaling at = scaling(s, z);
+    const Vec3& p = at.point;
+    const Vec3 a = at.inverse * Vec3(ds[0], ds[1], ds[2]), b = at.n * Vec3(dz[0], dz[1], dz[2]);
+    const Vec3 d = target * Vec3::UnitX() - product(p, p) - product(a, b);
+    const Vec3 x = quotient(p, d);
+    Eigen::Map<Vec3> out(c);
+    out = at.inverse * x;
+  }
+  void dualStep(const double* s, const double* z, const double* ds, double* dz) const {
+    if (!round_) {
+      for (int k = 0; k < size_; ++k) dz[k] -= z[k] / s[k] * ds[k];
+      return;
+    }
+    const Scaling at = scaling(s, z);
+    Eigen::Map<Vec3>(dz) -= at.inverse * (at.inverse * Vec3(ds[0], ds[1], ds[2]));
+  }
+  /// Largest part of the step d from s that stays in C, at most 1e3.
+  double longest(const double* s, const double* d) const {
+    double most = 1e3;
+    if (!round_) {
+      for (int k = 0; k < size_; ++k)
+        if (d[k] < 0.0) most = std::min(most, -s[k] / d[k]);
+      return most;
+    }
+    const double a = d[0] * d[0] - d[1] * d[1] - d[2] * d[2], b = s[0] * d[0] - s[1] * d[1] - s[2] * d[2];
+    const double c = distance(s);
+    const double root = b * b - a * c;
+    if (d[0] < 0.0) most = std::min(most, -s[0] / d[0]);
+    if (root < 0.0 || (a >= 0.0 && b >= 0.0)) return most;
+    const double t = b < 0.0 ? c / (-b + std::sqrt(root)) : (-b - std::sqrt(root)) / a;
+    return t > 0.0 ? std::min(most, t) : most;
+  }
+
+ private:
+  Vec3 row(int k) const {
+    if (mu_ == 0.0) return Vec3::UnitX();
+    if (round_) return k == 0 ? Vec3(mu_, 0, 0) : Vec3(0, k == 1, k == 2);
+    return {reach_, -normals_[k][0], -normals_[k][1]};
+  }
+  static Vec3 mirror(const Vec3& v) { return {v[0], -v[1], -v[2]}; }
+  static Vec3 product(const Vec3& a, const Vec3& b) {
+    return {a.dot(b), a[0] * b[1] + b[0] * a[1], a[0] * b[2] + b[0] * a[2]};
+  }
+  /// x with product(p, x) = d
+  static Vec3 quotient(const Vec3& p, const Vec3& d) {
+    const double dp = p[1] * d[1] + p[2] * d[2];
+    const double x0 = (p[0] * d[0] - dp) / distance(p.data());
+    return {x0, (d[1] - x0 * p[1]) / p[0], (d[2] - x0 * p[2]) / p[0]};
+  }
+
+  const std::vector<Vec2>& normals_;
+  double mu_, reach_;
+  bool round_ = false;
+  int size_ = 0;
+};
+
 }  // namespace
 
 Vec3 vertexDirection(int index, int facets) {
@@ -290,12 +431,12 @@ double contactResidual(const ContactProblem& problem, const VecX& lambda) {
   return worst;
 }
 
-void ContactSolver::prepare(const ContactProblem& problem) {
+void ContactSolver::prepare(const ContactProblem& problem, double mean_scale) {
   const Eigen::Index m = problem.bias.size();
   rho_.resize(m);
   for (Eigen::Index i = 0; i < m; ++i) {
     const double own = impulseScale(problem, i);
-    rho_[i] = own > 0.0 ? own : meanScale(problem);
+    rho_[i] = own > 0.0 ? own : mean_scale;
   }
   heading_.assign(static_cast<std::size_t>(m), Vec2(1.0, 0.0));
   const std::size_t facets = problem.cone.exact ? 0 : static_cast<std::size_t>(problem.cone.facets);
@@ -604,12 +745,17 @@ void ContactSolver::stepFree(const ContactProblem& problem) {
 
 /// Solves the linear system that the states leave. Proximal: regularised so that redundant contacts do no harm, then
 /// repeated with the same factor, which takes the regularization out again and stays near the impulses it came from.
-bool ContactSolver::newton(const ContactProblem& problem, double tolerance) {
+bool ContactSolver::newton(const ContactProblem& problem, double tolerance, Work& work) {
   chooseFree(problem);
   updateVelocity(problem, lambda_, w_);
   setCurvature(problem);
   double regularization = 1e-9;
+  const double stick = stick_unknowns_, slip = slip_unknowns_;
+  const double cost = stick * stick * stick / 3.0 + 2.0 * stick * slip * slip + 2.0 * stick * stick * slip +
+                      2.0 / 3.0 * slip * slip * slip + 2.0 * slip * work.rows;
+  work.operations += cost;
   while (!factorize(problem, regularization)) {
+    work.operations += cost;
     regularization *= 100.0;
     if (regularization > 1.0) return false;
   }
@@ -647,8 +793,8 @@ void ContactSolver::newtonPhase(const ContactProblem& problem, double tolerance,
   double phase_best = infinity;
   int stalled = 0;
   for (int k = 0; k < steps && work.left(); ++k) {
-    ++work.iterations;
-    if (!newton(problem, tolerance)) return;
+    work.spend(6.0 * work.product);
+    if (!newton(problem, tolerance, work)) return;
     const double now = keepBest(problem, best);
     if (now <= tolerance) return;
     stalled = now < 0.9 * phase_best ? 0 : stalled + 1;
@@ -665,7 +811,10 @@ bool ContactSolver::alternate(const ContactProblem& problem, double tolerance, B
   for (int round = 0; round < rounds && best.residual > tolerance && work.left(); ++round) {
     // go on from the sweeps' own end unless Newton got further
     goTo(problem, best.residual < swept_.residual ? best : swept_);
-    for (int k = 0; k < sweeps && work.left(); ++k, ++work.iterations) sweep(problem);
+    for (int k = 0; k < sweeps && work.left(); ++k) {
+      work.spend(2.0 * work.product);
+      sweep(problem);
+    }
     updateVelocity(problem, lambda_, w_);
     swept_.residual = infinity;
     keepBest(problem, swept_);
@@ -712,6 +861,116 @@ void ContactSolver::proximal(const ContactProblem& problem, double tolerance, Be
   }
 }
 
+/// Interior-point iterations (Mehrotra's predictor and corrector) on the cones and their duals. Their central path
+/// leads to the middle of the set of solutions, where redundant contacts share the load; Newton steps on the states
+/// finish. The dissipation that Coulomb's law adds to the normal rows is differentiated too, hence LU.
+void ContactSolver::interior(const ContactProblem& problem, double tolerance, Best& best, Work& work) {
+  const Eigen::Index rows = problem.free.size();
+  const double cost = 2.0 / 3.0 * std::pow(static_cast<double>(rows), 3) + 2.0 * work.product;
+  if (work.remaining() < least_interior * cost) return;
+  const double speed = std::max(problem.free.lpNorm<Eigen::Infinity>(), problem.bias.lpNorm<Eigen::Infinity>());
+  const double count = static_cast<double>(startInterior(problem, speed));
+  double attempted = infinity, length = 1.0;
+  for (int k = 0; k < most_interior && work.left(); ++k) {
+    work.spend(cost);
+    lambda_ = inner_lambda_;
+    updateVelocity(problem, lambda_, w_);
+    classify(problem);
+    settleStates(problem);
+    updateVelocity(problem, lambda_, w_);
+    const double now = keepBest(problem, best);
+    if (now <= tolerance) return;
+    if (now < 1e-4 * speed && now < 0.1 * attempted) {
+      attempted = now;
+      newtonPhase(problem, tolerance, best, 1, work);
+      if (best.residual <= tolerance) return;
+    }
+    updateVelocity(problem, inner_lambda_, w_);
+    if (!factorizeInterior(problem)) return;
+    const double average = slack_.dot(dual_) / count;
+    slack_step_.setZero();
+    dual_step_.setZero();
+    const double reach = interiorStep(problem, 0.0);
+    const double reached = (slack_ + reach * slack_step_).dot(dual_ + reach * dual_step_) / count;
+    const bool stuck = length < 0.3;  // near the border: back to the middle, without the corrector's second-order term
+    if (stuck) {
+      slack_step_.setZero();
+      dual_step_.setZero();
+    }
+    length = interiorStep(problem,
+                          average * std::max(std::pow(std::clamp(reached / average, 0.0, 1.0), 3), stuck ? 0.7 : 0.1));
+    if (!(length > 1e-10) || !inner_step_.allFinite()) return;
+    inner_lambda_ += length * inner_step_;
+    slack_ += length * slack_step_;
+    dual_ += length * dual_step_;
+  }
+}
+
+/// A point inside all cones; returns the number of products that should vanish.
+Eigen::Index ContactSolver::startInterior(const ContactProblem& problem, double speed) {
+  const Eigen::Index m = rho_.size();
+  cone_stride_ = problem.cone.exact ? 3 : problem.cone.facets;
+  for (VecX* v : {&slack_, &dual_, &slack_step_, &dual_step_, &target_}) v->setZero(cone_stride_ * m);
+  inner_lambda_.setZero(3 * m);
+  inner_step_.resize(3 * m);
+  Eigen::Index count = 0;
+  for (Eigen::Index i = 0; i < m; ++i) {
+    const ConeRows cone(problem.cone, normal_, problem.friction[i]);
+    inner_lambda_[3 * i] = speed / rho_[i];
+    cone.slack(inner_lambda_.segment<3>(3 * i), &slack_[cone_stride_ * i]);
+    for (int k = 0; k < cone.degree(); ++k) dual_[cone_stride_ * i + k] = speed;
+    count += cone.degree();
+  }
+  return count;
+}
+
+/// LU of W, the cones' stiffness and the derivative of the dissipation; the residual of the velocities besides.
+bool ContactSolver::factorizeInterior(const ContactProblem& problem) {
+  const Eigen::Index rows = problem.free.size(), m = rho_.size();
+  grow(shifted_matrix_, rows * rows);
+  MapX matrix(shifted_matrix_.data(), rows, rows);
+  matrix = problem.delassus;
+  dual_residual_ = w_;
+  for (Eigen::Index i = 0; i < m; ++i) {
+    const ConeRows cone(problem.cone, normal_, problem.friction[i]);
+    const double *slack = &slack_[cone_stride_ * i], *dual = &dual_[cone_stride_ * i];
+    Vec2 slope;
+    dual_residual_[3 * i] += cone.dissipation(w_.segment<2>(3 * i + 1), corner_, slope) - problem.bias[i];
+    dual_residual_.segment<3>(3 * i) -= cone.back(dual);
+    const Mat3 stiffness = cone.stiffness(slack, dual);
+    if (!slope.isZero(0.0)) {
+      const auto w_rows = problem.delassus.middleRows<2>(3 * i + 1);
+      matrix.row(3 * i) += slope[0] * w_rows.row(0) + slope[1] * w_rows.row(1);
+    }
+    matrix.block<3, 3>(3 * i, 3 * i) += stiffness;
+    matrix.diagonal().segment<3>(3 * i).array() += 1e-11 * rho_[i] + 1e-15 * stiffness.trace();
+  }
+  return luInPlace(matrix, pivots_);
+}
+
+/// The step towards products of `aim`, less the product of the steps that are there; returns how far it may be gone.
+double ContactSolver::interiorStep(const ContactProblem& problem, double aim) {
+  const Eigen::Index rows = problem.free.size(), m = rho_.size();
+  inner_step_ = -dual_residual_;
+  for (Eigen::Index i = 0; i < m; ++i) {
+    const Eigen::Index at = cone_stride_ * i;
+    const ConeRows cone(problem.cone, normal_, problem.friction[i]);
+    cone.center(&slack_[at], &dual_[at], aim, &slack_step_[at], &dual_step_[at], &target_[at]);
+    inner_step_.segment<3>(3 * i) += cone.back(&target_[at]);
+  }
+  luSolve(MapX(shifted_matrix_.data(), rows, rows), pivots_, inner_step_);
+  double length = 1.0 / near_border;
+  dual_step_ = target_;
+  for (Eigen::Index i = 0; i < m; ++i) {
+    const Eigen::Index at = cone_stride_ * i;
+    const ConeRows cone(problem.cone, normal_, problem.friction[i]);
+    cone.slack(inner_step_.segment<3>(3 * i), &slack_step_[at]);
+    cone.dualStep(&slack_[at], &dual_[at], &slack_step_[at], &dual_step_[at]);
+    length = std::min({length, cone.longest(&slack_[at], &slack_step_[at]), cone.longest(&dual_[at], &dual_step_[at])});
+  }
+  return near_border * length;
+}
+
 /// True if the states that came with a warm start can be used as they are.
 bool ContactSolver::acceptHint(const ContactProblem& problem, const std::vector<ContactStatus>& hint) {
   if (hint.size() != status_.size()) return false;
@@ -730,6 +989,99 @@ bool ContactSolver::acceptHint(const ContactProblem& problem, const std::vector<
   return true;
 }
 
+/// Takes from impulses that are no solution what would feed energy in: friction along its contact's velocity is
+/// shortened or dropped, and all impulses are scaled back while together they do more work than the bias asks for.
+void ContactSolver::makePassive(const ContactProblem& problem, double slack) {
+  constexpr int gentle = 200, rounds = 210;
+  constexpr double beyond = 1.2;  // over-relaxation, so that few rounds do
+  for (int round = 0; round <= rounds; ++round) {
+    bool changed = false;
+    for (Eigen::Index i = 0; i < rho_.size(); ++i) {
+      const Vec2 friction = lambda_.segment<2>(3 * i + 1);
+      const double power = friction.dot(w_.segment<2>(3 * i + 1));
+      if (friction.isZero(0.0) || (power <= slack * friction.norm() && round < rounds)) continue;
+      const double own = friction.dot(problem.delassus.block<2, 2>(3 * i + 1, 3 * i + 1) * friction);
+      // with the share s of the friction its power is s (others + s own)
+      const double share = own > 0.0 && round < gentle ? std::clamp(1.0 - beyond * power / own, 0.0, 1.0) : 0.0;
+      lambda_.segment<2>(3 * i + 1) = share * friction;
+      w_.noalias() += problem.delassus.middleCols<2>(3 * i + 1) * ((share - 1.0) * friction);
+      status_[i] = {ContactState::stick, 0};
+      changed = true;
+    }
+    double allowed = 0.0;
+    for (Eigen::Index i = 0; i < rho_.size(); ++i) allowed += lambda_[3 * i] * std::max(0.0, problem.bias[i]);
+    const double linear = lambda_.dot(problem.free) - allowed, square = lambda_.dot(w_ - problem.free);
+    if (linear + 0.5 * square > slack * lambda_.lpNorm<1>()) {
+      const double share = square > 0.0 ? std::clamp(-linear / square, 0.0, 1.0) : 0.0;
+      lambda_ *= share;
+      updateVelocity(problem, lambda_, w_);
+      if (share == 0.0) status_.assign(status_.size(), {});
+      changed = true;
+    }
+    if (!changed) return;
+  }
+}
+
+/// Connected components of W's pattern of blocks.
+void ContactSolver::findParts(const ContactProblem& problem) {
+  const int m = static_cast<int>(problem.bias.size());
+  order_.clear();
+  part_start_.clear();
+  waiting_.resize(static_cast<std::size_t>(m));
+  for (int i = 0; i < m; ++i) waiting_[i] = m - 1 - i;
+  while (!waiting_.empty()) {
+    std::size_t next = order_.size();
+    part_start_.push_back(static_cast<int>(next));
+    order_.push_back(waiting_.back());
+    waiting_.pop_back();
+    for (; next < order_.size(); ++next) {
+      std::size_t kept = 0;
+      for (const int j : waiting_) {
+        if (problem.delassus.block<3, 3>(3 * j, 3 * order_[next]).isZero(0.0) &&
+            problem.delassus.block<3, 3>(3 * order_[next], 3 * j).isZero(0.0)) {
+          waiting_[kept++] = j;
+        } else {
+          order_.push_back(j);
+        }
+      }
+      waiting_.resize(kept);
+    }
+    std::sort(order_.begin() + part_start_.back(), order_.end());
+  }
+  part_start_.push_back(m);
+}
+
+/// Solves the part of `whole` that the contacts make up, from and into their places in lambda and status.
+ContactSolverReport ContactSolver::gatherAndSolve(const ContactProblem& whole, const int* contacts, int count,
+                                                  const ContactSolverSettings& settings, double scale,
+                                                  double mean_scale, VecX& lambda, std::vector<ContactStatus>& status) {
+  grow(part_matrix_, 9 * count * count);
+  MapX matrix(part_matrix_.data(), 3 * count, 3 * count);
+  part_free_.resize(3 * count);
+  part_lambda_.resize(3 * count);
+  part_bias_.resize(count);
+  part_friction_.resize(count);
+  part_status_.resize(static_cast<std::size_t>(count));
+  for (int j = 0; j < count; ++j) {
+    const int at = contacts[j];
+    for (int i = 0; i < count; ++i) {
+      matrix.block<3, 3>(3 * i, 3 * j) = whole.delassus.block<3, 3>(3 * contacts[i], 3 * at);
+    }
+    part_free_.segment<3>(3 * j) = whole.free.segment<3>(3 * at);
+    part_lambda_.segment<3>(3 * j) = lambda.segment<3>(3 * at);
+    part_bias_[j] = whole.bias[at];
+    part_friction_[j] = whole.friction[at];
+    part_status_[j] = status[at];
+  }
+  const ContactProblem part{matrix, part_free_, part_bias_, part_friction_, whole.cone};
+  const ContactSolverReport report = solvePart(part, settings, scale, mean_scale, part_lambda_, part_status_);
+  for (int j = 0; j < count; ++j) {
+    lambda.segment<3>(3 * contacts[j]) = part_lambda_.segment<3>(3 * j);
+    status[contacts[j]] = part_status_[j];
+  }
+  return report;
+}
+
 ContactSolverReport ContactSolver::solve(const ContactProblem& problem, const ContactSolverSettings& settings,
                                          VecX& lambda, std::vector<ContactStatus>& status) {
   checkSizes(problem);
@@ -742,24 +1094,41 @@ ContactSolverReport ContactSolver::solve(const ContactProblem& problem, const Co
     report.residual = infinity;
     return report;
   }
+  report.converged = true;
   if (m == 0) {
     lambda.resize(0);
     status.clear();
-    report.converged = true;
     return report;
   }
+  if (lambda.size() != rows || !lambda.allFinite()) lambda.setZero(rows);
   const double scale = std::max(problem.free.lpNorm<Eigen::Infinity>(), problem.bias.lpNorm<Eigen::Infinity>());
+  const double mean_scale = meanScale(problem);
+  findParts(problem);
+  const std::size_t parts = part_start_.size() - 1;
+  if (parts == 1) return solvePart(problem, settings, scale, mean_scale, lambda, status);
+  if (status.size() != m) status.assign(m, {});
+  if (parts_.size() < parts) parts_.resize(parts);
+  for (std::size_t k = 0; k < parts; ++k) {
+    const ContactSolverReport part =
+        parts_[k].gatherAndSolve(problem, &order_[part_start_[k]], part_start_[k + 1] - part_start_[k], settings, scale,
+                                 mean_scale, lambda, status);
+    report.converged = report.converged && part.converged;
+    report.iterations = std::max(report.iterations, part.iterations);
+    report.residual = std::max(report.residual, part.residual);
+  }
+  return report;
+}
+
+/// A problem in one piece; lambda is finite and of the right size. `scale` and `mean_scale` are those of the whole.
+ContactSolverReport ContactSolver::solvePart(const ContactProblem& problem, const ContactSolverSettings& settings,
+                                             double scale, double mean_scale, VecX& lambda,
+                                             std::vector<ContactStatus>& status) {
   const double goal = settings.tolerance * scale;
   const double tolerance = 0.3 * goal;  // room for settling the states
-
-  prepare(problem);
-  const bool warm = lambda.size() == rows && lambda.allFinite() && !lambda.isZero(0.0);
-  if (warm) {
-    lambda_ = lambda;
-  } else {
-    lambda_.setZero(rows);
-  }
-  status_.assign(m, {});
+  prepare(problem, mean_scale);
+  const bool warm = !lambda.isZero(0.0);
+  lambda_ = lambda;
+  status_.assign(static_cast<std::size_t>(rho_.size()), {});
   const bool hinted = warm && acceptHint(problem, status);
   updateVelocity(problem, lambda_, w_);
   if (hinted) {
@@ -770,18 +1139,32 @@ ContactSolverReport ContactSolver::solve(const ContactProblem& problem, const Co
     settleStates(problem);
     updateVelocity(problem, lambda_, w_);
   }
-  Work work{settings.max_iterations};
+  const double m = static_cast<double>(rho_.size());
+  Work work;
+  work.max_iterations = settings.max_iterations;
+  work.max_operations = settings.max_work * ((18.0 * m + 2000.0) * m + 2e5) * m;
+  work.rows = 3.0 * m;
+  work.product = 90.0 * m * m;
   best_.residual = infinity;
   // a state once settled is good to the goal itself, so that a solution given back is returned as it is
   if (keepBest(problem, best_) > goal) {
     if (hinted) newtonPhase(problem, tolerance, best_, 20, work);
-    if (!alternate(problem, tolerance, best_, 2, work)) proximal(problem, tolerance, best_, work);
+    if (!alternate(problem, tolerance, best_, 2, work)) {
+      // a few proximal rounds are cheaper than the interior-point method, many are not
+      work.max_iterations = std::min(settings.max_iterations, work.iterations + first_proximal);
+      proximal(problem, tolerance, best_, work);
+      work.max_iterations = settings.max_iterations;
+    }
+    if (best_.residual > tolerance) interior(problem, tolerance, best_, work);
+    if (best_.residual > tolerance) proximal(problem, tolerance, best_, work);
     lambda_ = best_.lambda;
     status_ = best_.status;
   }
+  ContactSolverReport report;
   report.iterations = work.iterations;
   settleStates(problem);
   updateVelocity(problem, lambda_, w_);
+  if (!(residual(problem) <= goal)) makePassive(problem, goal);
   report.residual = residual(problem);
   report.converged = report.residual <= goal;
   lambda = lambda_;

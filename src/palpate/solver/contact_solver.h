@@ -40,6 +40,9 @@ struct ContactProblem {
 
 struct ContactSolverSettings {
   int max_iterations = 1000;
+  /// Bound on the work of a solve, counted in factorizations: 18 m^3 + 2000 m^2 + 2e5 m operations each, m contacts.
+  /// Counted, not clocked, so the result stays deterministic. What a hard problem may take; most need far less.
+  double max_work = 30.0;
   double tolerance = 1e-10;  ///< on the residual, relative to the largest velocity in the problem
 };
 
@@ -105,12 +108,21 @@ class ContactSolver {
     double residual = 0.0;  ///< [m/s]
   };
   struct Work {
-    int limit = 0;
+    int max_iterations = 0;
+    double max_operations = 0.0;
+    double rows = 0.0;     ///< 3m
+    double product = 0.0;  ///< what a product with W counts as
     int iterations = 0;
-    bool left() const { return iterations < limit; }
+    double operations = 0.0;
+    bool left() const { return iterations < max_iterations && operations < max_operations; }
+    double remaining() const { return max_operations - operations; }
+    void spend(double cost) {
+      ++iterations;
+      operations += cost;
+    }
   };
 
-  void prepare(const ContactProblem& problem);
+  void prepare(const ContactProblem& problem, double mean_scale);
   bool acceptHint(const ContactProblem& problem, const std::vector<ContactStatus>& hint);
   ContactStatus nearest(const FrictionCone& cone, double radius, const Eigen::Vector2d& p,
                         Eigen::Vector2d& point) const;
@@ -124,7 +136,18 @@ class ContactSolver {
   void newtonPhase(const ContactProblem& problem, double tolerance, Best& best, int steps, Work& work);
   bool alternate(const ContactProblem& problem, double tolerance, Best& best, int rounds, Work& work);
   void proximal(const ContactProblem& problem, double tolerance, Best& best, Work& work);
-  bool newton(const ContactProblem& problem, double tolerance);
+  void interior(const ContactProblem& problem, double tolerance, Best& best, Work& work);
+  Eigen::Index startInterior(const ContactProblem& problem, double speed);
+  bool factorizeInterior(const ContactProblem& problem);
+  double interiorStep(const ContactProblem& problem, double aim);
+  void makePassive(const ContactProblem& problem, double slack);
+  void findParts(const ContactProblem& problem);
+  ContactSolverReport solvePart(const ContactProblem& problem, const ContactSolverSettings& settings, double scale,
+                                double mean_scale, VecX& lambda, std::vector<ContactStatus>& status);
+  ContactSolverReport gatherAndSolve(const ContactProblem& whole, const int* contacts, int count,
+                                     const ContactSolverSettings& settings, double scale, double mean_scale,
+                                     VecX& lambda, std::vector<ContactStatus>& status);
+  bool newton(const ContactProblem& problem, double tolerance, Work& work);
   void chooseFree(const ContactProblem& problem);
   void setCurvature(const ContactProblem& problem);
   bool factorize(const ContactProblem& problem, double regularization);
@@ -137,6 +160,9 @@ class ContactSolver {
   std::vector<Eigen::Vector2d> heading_;  ///< [m] unit direction of friction, exact cone
   Best best_, swept_, nearby_, center_;   ///< of the problem; where sweeps ended; of a proximal problem
   VecX shifted_free_;
+  VecX inner_lambda_, inner_step_, slack_, dual_, slack_step_, dual_step_, target_,
+      dual_residual_;  ///< of the interior-point method: inner_ [3m], the others cone_stride_ for each contact
+  Eigen::Index cone_stride_ = 0;
   std::vector<Eigen::Vector2d> corner_, normal_, tangent_;  ///< [facets] of the unit polygon
   std::vector<Free> free_;                                  ///< closed contacts, sticking ones first
   int stick_unknowns_ = 0, slip_unknowns_ = 0;
@@ -146,6 +172,12 @@ class ContactSolver {
       shifted_matrix_;  ///< factor of the states' system, by blocks
   std::vector<int> pivots_;
   VecX rhs_;
+
+  std::vector<int> order_, part_start_, waiting_;  ///< contacts by part, where each part begins
+  std::vector<ContactSolver> parts_;               ///< one for each, so that sizes stay and nothing is allocated
+  Buffer part_matrix_;                             ///< a part's own problem and start
+  VecX part_free_, part_bias_, part_friction_, part_lambda_;
+  std::vector<ContactStatus> part_status_;
 };
 
 }  // namespace palpate
