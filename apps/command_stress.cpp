@@ -41,8 +41,10 @@ void stress(const StressOptions& options) {
              100 * o.deepest_penetration_rel, o.wrong_side);
   fmt::print("  {} steps not finite, {} restored, {} not converged, {} with a motion cut short\n", o.nan, o.restored,
              o.not_converged, o.cut);
-  fmt::print("  energy at most {:.3g} J; step {:.2f} ms in the median, {:.2f} p99, {:.2f} at most\n", o.max_energy,
-             o.median_ms, o.p99_ms, o.max_ms);
+  fmt::print(
+      "  energy at most {:.3g} J (kinetic {:.3g}, elastic {:.3g}); step {:.2f} ms in the median, {:.2f} p99, {:.2f} at "
+      "most\n",
+      o.max_energy, o.max_kinetic, o.max_elastic, o.median_ms, o.p99_ms, o.max_ms);
   nlohmann::ordered_json j;
   j["scene"] = config.name;
   j["seed"] = settings.seed;
@@ -52,6 +54,8 @@ void stress(const StressOptions& options) {
   j["nan"] = o.nan;
   j["wrong_side"] = o.wrong_side;
   j["max_energy_J"] = o.max_energy;
+  j["max_kinetic_J"] = o.max_kinetic;
+  j["max_elastic_J"] = o.max_elastic;
   j["restored"] = o.restored;
   j["not_converged"] = o.not_converged;
   j["cut"] = o.cut;

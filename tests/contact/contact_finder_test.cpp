@@ -44,33 +44,43 @@ Vec3 vertexPosition(const Case& c, int vertex) {
   return sum;
 }
 
+// Three planes that the sphere comes near or pokes into, and a solid that is not this finder's business.
 std::vector<Obstacle> surroundings() {
   return {{PlaneShape{Vec3(0, 0, -0.047), Vec3::UnitZ()}, 0.5, "ground"},
+          {PlaneShape{Vec3(0.045, 0, 0), -Vec3::UnitX()}, 0.5, "wall"},
           {SphereShape{Vec3(0.08, 0, 0), 0.035}, 0.5, "ball"},
-          {BoxShape{{Vec3(0, 0.09, 0), expRotation({0.1, 0.2, 0.3})}, Vec3::Constant(0.043)}, {}, "box"},
-          {CapsuleShape{Vec3(-0.07, 0, -0.1), Vec3(-0.07, 0, 0.1), 0.025}, 0.5, "rod"}};
+          {PlaneShape{Vec3(0, 0.04, 0), Vec3(0.3, -1, 0.2).normalized()}, {}, "slope"}};
+}
+
+std::vector<Contact> findAll(const ContactFinder& finder, const VecX& start, const VecX& end, double reach) {
+  std::vector<Contact> found;
+  finder.find(3, start, end, surroundings(), reach, found);
+  return found;
 }
 
 TEST(ContactFinder, FindsEveryVertexThatBruteForceFinds) {
   const Case& c = sphere();
-  const ContactFinder finder(c.mesh, 0.7);
+  const ContactFinder finder(c.mesh);
   const auto obstacles = surroundings();
   constexpr double kReach = 0.001;
-  std::vector<Contact> found;
-  finder.find(3, c.x, c.x, obstacles, kReach, false, found);
-  std::set<std::pair<int, int>> expected, keys;
+  const std::vector<Contact> found = findAll(finder, c.x, c.x, kReach);
+  std::set<std::uint64_t> expected, keys;
   for (int o = 0; o < static_cast<int>(obstacles.size()); ++o) {
-    for (int v = 0; v < static_cast<int>(c.mesh.embedding.size()); ++v) {
-      if (proximity(obstacles[o], vertexPosition(c, v)).gap < kReach) expected.emplace(o, v);
+    const auto* plane = std::get_if<PlaneShape>(&obstacles[o].shape);
+    for (int v = 0; plane != nullptr && v < static_cast<int>(c.mesh.embedding.size()); ++v) {
+      if (gap(*plane, vertexPosition(c, v)) < kReach) {
+        expected.insert(contactKey(3, static_cast<std::uint64_t>(o), static_cast<std::uint64_t>(v)));
+      }
     }
   }
   for (const Contact& k : found) {
-    const int vertex = static_cast<int>(k.key & 0xffffffff);
-    keys.emplace(k.partner, vertex);
-    EXPECT_LT((k.position - vertexPosition(c, vertex)).norm(), 1e-15);
+    keys.insert(k.key);
+    EXPECT_EQ(k.key, k.track);
+    EXPECT_LT((k.position - k.first.at(c.x)).norm(), 1e-15);
+    EXPECT_NEAR(k.end_gap, gap(std::get<PlaneShape>(obstacles[k.partner].shape), k.position), 1e-15);
     EXPECT_EQ(k.first.body, 3);
     EXPECT_EQ(k.second.body, -1);
-    EXPECT_EQ(k.friction, k.partner == 2 ? 0.7 : 0.5);  // the box has none of its own
+    EXPECT_FALSE(k.crosses());
     EXPECT_LT((k.frame() * k.frame().transpose() - Mat3::Identity()).norm(), 1e-14);
     EXPECT_NEAR(k.frame().determinant(), 1.0, 1e-14);
   }
@@ -81,43 +91,48 @@ TEST(ContactFinder, FindsEveryVertexThatBruteForceFinds) {
 
 TEST(ContactFinder, NearbyNodesHoldEveryContact) {
   const Case& c = sphere();
-  const ContactFinder finder(c.mesh, 0.7);
-  const auto obstacles = surroundings();
-  std::vector<Contact> found;
-  finder.find(0, c.x, c.x, obstacles, 0.001, false, found);
+  const ContactFinder finder(c.mesh);
   std::vector<int> nodes;
-  finder.nearbyNodes(c.x, obstacles, 0.001, nodes);
+  finder.nearbyNodes(c.x, surroundings(), 0.001, nodes);
   const std::set<int> unique(nodes.begin(), nodes.end());
-  EXPECT_EQ(unique.size(), nodes.size());
-  for (const Contact& k : found) {
-    for (const int n : k.first.node) EXPECT_TRUE(unique.count(n));
+  for (const Contact& k : findAll(finder, c.x, c.x, 0.001)) {
+    for (int i = 0; i < k.first.count; ++i) EXPECT_TRUE(unique.count(k.first.node[i]));
   }
 }
 
-// gap + n . (x_end - x_start) is the end gap for a plane wherever it is linearized.
-TEST(ContactFinder, GapsAreLinearizedAtStartOrEnd) {
+// gap + n . (x_end - x_start) is the end gap.
+TEST(ContactFinder, GapsAreThoseOfTheStart) {
   const Case& c = sphere();
-  const ContactFinder finder(c.mesh, 0.7);
+  const ContactFinder finder(c.mesh);
+  const Vec3 shift(0.003, 0.001, 0.01);
   VecX before = c.x;
-  for (Eigen::Index i = 0; i < before.size(); i += 3) before.segment<3>(i) += Vec3(0.003, 0.001, 0.01);
-  for (const bool at_end : {false, true}) {
-    std::vector<Contact> found;
-    finder.find(0, before, c.x, surroundings(), 0.001, at_end, found);
-    for (const Contact& k : found) {
-      if (k.partner == 0 || at_end) {
-        EXPECT_NEAR(k.gap - k.normal.dot(Vec3(0.003, 0.001, 0.01)), k.end_gap, 1e-14);
-      }
-    }
+  for (Eigen::Index i = 0; i < before.size(); i += 3) before.segment<3>(i) += shift;
+  const std::vector<Contact> found = findAll(finder, before, c.x, 0.001);
+  EXPECT_GT(found.size(), 40u);
+  for (const Contact& k : found) EXPECT_NEAR(k.gap - k.normal.dot(shift), k.end_gap, 1e-14);
+}
+
+TEST(ContactFinder, FollowsAVertexOutOfReach) {
+  const Case& c = sphere();
+  const ContactFinder finder(c.mesh);
+  const std::vector<Contact> found = findAll(finder, c.x, c.x, 0.001);
+  VecX away = c.x;
+  for (Eigen::Index i = 0; i < away.size(); i += 3) away.segment<3>(i) += Vec3(0, 0, 0.2);
+  for (const Contact& k : found) {
+    const Contact followed = finder.follow(k, away, away, surroundings());
+    EXPECT_EQ(followed.key, k.key);
+    EXPECT_NEAR(followed.gap, k.gap + k.normal.dot(Vec3(0, 0, 0.2)), 1e-14);
   }
 }
 
 TEST(Reduction, KeepsTheDeepestAndSpreadsTheRest) {
   const Case& c = sphere();
-  const ContactFinder finder(c.mesh, 0.7);
+  const ContactFinder finder(c.mesh);
   std::vector<Contact> found;
-  finder.find(0, c.x, c.x, {{PlaneShape{Vec3(0, 0, -0.035), Vec3::UnitZ()}, 0.5, "ground"}}, 0.0, false, found);
+  finder.find(0, c.x, c.x, {{PlaneShape{Vec3(0, 0, -0.035), Vec3::UnitZ()}, 0.5, "ground"}}, 0.0, found);
   const double spacing = 0.4 * finder.edgeLength();
-  const std::vector<int> chosen = reduceContacts(found, {}, spacing);
+  ContactReduction reduction;
+  const std::vector<int> chosen = reduction.choose(found, {}, spacing);
   EXPECT_LT(chosen.size(), found.size() / 4);
   const auto deepest = std::min_element(found.begin(), found.end(),
                                         [](const Contact& a, const Contact& b) { return a.end_gap < b.end_gap; });
@@ -139,20 +154,34 @@ TEST(Reduction, KeepsTheDeepestAndSpreadsTheRest) {
 
 TEST(Reduction, KeepsWhatCarriedForceAndDoesNotDependOnOrder) {
   const Case& c = sphere();
-  const ContactFinder finder(c.mesh, 0.7);
-  std::vector<Contact> found;
-  finder.find(0, c.x, c.x, surroundings(), 0.001, false, found);
-  std::vector<std::int64_t> kept{found[1].key, found[5].key, found[6].key};
+  const ContactFinder finder(c.mesh);
+  const std::vector<Contact> found = findAll(finder, c.x, c.x, 0.001);
+  std::vector<std::uint64_t> kept{found[1].track, found[5].track, found[6].track};
   std::sort(kept.begin(), kept.end());
+  ContactReduction reduction;
   const auto keysOf = [&](const std::vector<Contact>& contacts) {
-    std::set<std::int64_t> keys;
-    for (const int i : reduceContacts(contacts, kept, 0.4 * finder.edgeLength())) keys.insert(contacts[i].key);
+    std::set<std::uint64_t> keys;
+    for (const int i : reduction.choose(contacts, kept, 0.4 * finder.edgeLength())) keys.insert(contacts[i].key);
     return keys;
   };
   const auto keys = keysOf(found);
-  for (const std::int64_t k : kept) EXPECT_TRUE(keys.count(k));
+  for (const std::uint64_t k : kept) EXPECT_TRUE(keys.count(k));
   std::vector<Contact> turned(found.rbegin(), found.rend());
   EXPECT_EQ(keysOf(turned), keys);
+}
+
+// Points of one patch on two sides of an edge bound different motions: both are kept.
+TEST(Reduction, SplitsAPatchByDirection) {
+  std::vector<Contact> contacts(4);
+  for (int i = 0; i < 4; ++i) {
+    contacts[i].key = contacts[i].track = static_cast<std::uint64_t>(i);
+    contacts[i].normal = i < 2 ? Vec3::UnitZ() : Vec3::UnitX();
+    contacts[i].position = Vec3(0, 1e-4 * i, 0);
+    contacts[i].end_gap = -1e-3 * i;
+  }
+  ContactReduction reduction;
+  const std::vector<int> chosen = reduction.choose(contacts, {}, 0.01);
+  EXPECT_EQ(chosen, (std::vector<int>{3, 1}));
 }
 
 TEST(Contact, FirstTangentIsWorldX) {

@@ -1,4 +1,4 @@
-// Signed distances against brute force and finite differences.
+// The triangles that stand for analytic solids.
 #include "palpate/contact/obstacle.h"
 
 #include <gtest/gtest.h>
@@ -6,75 +6,61 @@
 #include <algorithm>
 #include <random>
 
+#include "analytic_solids.h"
 #include "palpate/math/rotation.h"
+#include "palpate/mesh/surface_measures.h"
 
 namespace palpate {
 namespace {
 
-std::vector<Obstacle> shapes() {
+struct Solid {
+  Obstacle obstacle;
+  double volume;
+  double round;  // radius of what is not flat
+};
+
+std::vector<Solid> solids() {
   const BoxShape box{{Vec3(0.01, -0.02, 0.03), expRotation({0.4, 0.9, -0.3})}, Vec3(0.05, 0.03, 0.02)};
-  return {{PlaneShape{Vec3(0, 0, 0.01), Vec3(1, 2, 3).normalized()}, 0.5, "plane"},
-          {box, 0.5, "box"},
-          {SphereShape{Vec3(0.01, 0.02, 0), 0.04}, 0.5, "sphere"},
-          {CapsuleShape{Vec3(-0.03, 0, 0), Vec3(0.03, 0.02, 0.01), 0.02}, 0.5, "capsule"},
-          {CapsuleShape{Vec3(0.01, 0, 0), Vec3(0.01, 0, 0), 0.02}, 0.5, "capsule without length"}};
+  const Vec3 a(-0.03, 0, 0);
+  const Vec3 b(0.03, 0.02, 0.01);
+  const double ball = 4.0 / 3.0 * M_PI;
+  return {{{box, 0.5, "box"}, 8 * 0.05 * 0.03 * 0.02, 0},
+          {{SphereShape{Vec3(0.01, 0.02, 0), 0.04}, 0.5, "sphere"}, ball * 0.04 * 0.04 * 0.04, 0.04},
+          {{CapsuleShape{a, b, 0.02}, 0.5, "capsule"}, ball * 8e-6 + M_PI * 4e-4 * (b - a).norm(), 0.02},
+          {{CapsuleShape{a, a, 0.02}, 0.5, "capsule without length"}, ball * 8e-6, 0.02},
+          {{CapsuleShape{a, a - Vec3(0, 0, 0.05), 0.02}, 0.5, "capsule upside down"}, ball * 8e-6 + M_PI * 2e-5, 0.02}};
 }
 
-// The normal is the gradient wherever the gap is differentiable; near the inner skeleton differences straddle a kink.
-TEST(Obstacle, NormalIsTheGapsGradient) {
+double distance(const Obstacle& o, const Vec3& p) {
+  return std::visit([&](const auto& shape) { return test::signedDistance(shape, p); }, o.shape);
+}
+
+TEST(Obstacle, TrianglesAreTheSolids) {
   std::mt19937 random(1);
-  std::uniform_real_distribution<double> uniform(-0.1, 0.1);
-  constexpr double kStep = 1e-6;
-  for (const Obstacle& o : shapes()) {
-    int kinks = 0;
-    for (int n = 0; n < 2000; ++n) {
-      const Vec3 p(uniform(random), uniform(random), uniform(random));
-      const Proximity at = proximity(o, p);
-      EXPECT_NEAR(at.normal.norm(), 1.0, 1e-12) << o.name;
-      Vec3 gradient;
-      for (int k = 0; k < 3; ++k) {
-        const Vec3 d = kStep * Vec3::Unit(k);
-        gradient[k] = (proximity(o, p + d).gap - proximity(o, p - d).gap) / (2 * kStep);
-      }
-      if ((gradient - at.normal).norm() > 1e-4) ++kinks;
+  std::uniform_real_distribution<double> uniform(0, 1);
+  for (const Solid& solid : solids()) {
+    const std::optional<Surface> surface = surfaceOf(solid.obstacle);
+    ASSERT_TRUE(surface) << solid.obstacle.name;
+    EXPECT_TRUE(inspectTopology(*surface).closed()) << solid.obstacle.name;
+    // the corners lie on the solid, the triangles a thousandth of the radius below it
+    for (const Vec3& p : surface->vertices) EXPECT_NEAR(distance(solid.obstacle, p), 0.0, 1e-12) << solid.obstacle.name;
+    for (const auto& t : surface->triangles) {
+      const double u = uniform(random);
+      const double v = uniform(random) * (1 - u);
+      const Vec3 p = u * surface->vertices[t[0]] + v * surface->vertices[t[1]] + (1 - u - v) * surface->vertices[t[2]];
+      EXPECT_LT(distance(solid.obstacle, p), 1e-12) << solid.obstacle.name;
+      EXPECT_GT(distance(solid.obstacle, p), -1.2e-3 * solid.round - 1e-12) << solid.obstacle.name;
     }
-    EXPECT_LE(kinks, 2) << o.name;
+    // outward: the volume is positive, and right
+    EXPECT_NEAR(measureSurface(*surface).volume, solid.volume, 4e-3 * solid.volume) << solid.obstacle.name;
   }
 }
 
-// The nearest surface point lies at p - gap n: the gap there is zero, outside as inside.
-TEST(Obstacle, GapLeadsToTheSurface) {
-  std::mt19937 random(2);
-  std::uniform_real_distribution<double> uniform(-0.1, 0.1);
-  for (const Obstacle& o : shapes()) {
-    for (int n = 0; n < 2000; ++n) {
-      const Vec3 p(uniform(random), uniform(random), uniform(random));
-      const Proximity at = proximity(o, p);
-      EXPECT_NEAR(proximity(o, p - at.gap * at.normal).gap, 0.0, 1e-14) << o.name;
-    }
-  }
-}
-
-TEST(Obstacle, BoxDistanceIsThatOfTheNearestPoint) {
-  const BoxShape box{{Vec3(0.01, -0.02, 0.03), expRotation({0.4, 0.9, -0.3})}, Vec3(0.05, 0.03, 0.02)};
-  std::mt19937 random(3);
-  std::uniform_real_distribution<double> uniform(-0.12, 0.12);
-  for (int n = 0; n < 1000; ++n) {
-    const Vec3 local(uniform(random), uniform(random), uniform(random));
-    const Vec3 clamped = local.cwiseMax(-box.half_extents).cwiseMin(box.half_extents);
-    const double outside = (local - clamped).norm();
-    const double inside = (local.cwiseAbs() - box.half_extents).maxCoeff();
-    const Proximity at = proximity({box, 0.5, ""}, box.pose.apply(local));
-    EXPECT_NEAR(at.gap, outside > 0 ? outside : inside, 1e-15);
-  }
-}
-
-TEST(Obstacle, SkeletonsGiveAUnitNormal) {
-  EXPECT_DOUBLE_EQ(proximity({SphereShape{}, 0.5, ""}, Vec3::Zero()).normal.norm(), 1.0);
-  EXPECT_DOUBLE_EQ(proximity({CapsuleShape{}, 0.5, ""}, Vec3(0.5, 0, 0)).normal.norm(), 1.0);
-  const Proximity middle = proximity({BoxShape{}, 0.5, ""}, Vec3::Zero());
-  EXPECT_DOUBLE_EQ(middle.normal.norm(), 1.0);
-  EXPECT_DOUBLE_EQ(middle.gap, -0.05);
+TEST(Obstacle, PlaneNeedsNoTriangles) {
+  const PlaneShape plane{Vec3(0, 0, 0.01), Vec3(1, 2, 3).normalized()};
+  EXPECT_FALSE(surfaceOf({plane, 0.5, "plane"}));
+  EXPECT_NEAR(gap(plane, plane.point + 0.3 * plane.normal), 0.3, 1e-15);
+  EXPECT_NEAR(gap(plane, plane.point - 0.2 * plane.normal + plane.normal.unitOrthogonal()), -0.2, 1e-15);
 }
 
 }  // namespace

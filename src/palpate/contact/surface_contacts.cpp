@@ -4,6 +4,8 @@
 #include <cmath>
 #include <limits>
 
+#include "palpate/contact/feature_distance.h"
+
 namespace palpate {
 namespace {
 
@@ -168,7 +170,7 @@ void SurfaceContacts::setStart(int body, const VecX& x) {
     item.start = x;
     place(item, x, item.surface.start);
     item.surface.end = item.surface.start;
-    item.surface.refit();
+    item.stale = true;
   }
 }
 
@@ -176,8 +178,14 @@ void SurfaceContacts::setEnd(int body, const VecX& x) {
   for (Item& item : items_) {
     if (item.body != body) continue;
     place(item, x, item.surface.end);
-    item.surface.refit();
+    item.stale = true;
   }
+}
+
+void SurfaceContacts::refit(Item& item) {
+  if (!item.stale) return;
+  item.surface.refit();
+  item.stale = false;
 }
 
 void SurfaceContacts::distrust() {
@@ -190,6 +198,8 @@ void SurfaceContacts::examineOverlaps() {
     for (std::size_t a = 0; a < b; ++a) {
       PairState& state = pair(a, b);
       if (!state.suspect || (items_[a].body < 0 && items_[b].body < 0)) continue;
+      refit(items_[a]);
+      refit(items_[b]);
       state.points.clear();
       findOverlaps(items_[a].surface, items_[b].surface, state.points);
       state.suspect = !state.points.empty();
@@ -274,6 +284,8 @@ void SurfaceContacts::add(std::size_t ia, std::size_t ib, const FeaturePair& pai
   c.track = pair.kind == FeaturePair::Kind::vertex_face   ? contactKey(surfaces, number(pair.first_feature))
             : pair.kind == FeaturePair::Kind::face_vertex ? contactKey(surfaces, number(pair.second_feature))
                                                           : c.key;
+  c.features = {static_cast<int>(ia), static_cast<int>(ib), static_cast<int>(pair.kind), pair.first_feature,
+                pair.second_feature};
   c.first = point(a, pair.first_vertex, pair.first_weight);
   c.second = point(b, pair.second_vertex, pair.second_weight);
   if (b.body >= 0 && (start_a - start_b).norm() < 2.0 * (settings.thickness + settings.reach)) {
@@ -312,6 +324,56 @@ void SurfaceContacts::addOverlap(std::size_t ia, std::size_t ib, const OverlapPo
   out.push_back(c);
 }
 
+void SurfaceContacts::follow(const Contact& earlier, const SurfaceContactSettings& settings,
+                             const FrictionTable& friction, std::vector<Contact>& out) {
+  const ContactFeatures& f = earlier.features;
+  if (f.first < 0) return;
+  const auto ia = static_cast<std::size_t>(f.first_surface);
+  const auto ib = static_cast<std::size_t>(f.second_surface);
+  if (ia != ib && !pair(std::min(ia, ib), std::max(ia, ib)).points.empty()) return;
+  const CollisionSurface& a = items_[ia].surface;
+  const CollisionSurface& b = items_[ib].surface;
+  FeaturePair pair;
+  pair.kind = static_cast<FeaturePair::Kind>(f.kind);
+  pair.first_feature = f.first;
+  pair.second_feature = f.second;
+  const std::array<double, 3> one{1, 0, 0};
+  if (pair.kind == FeaturePair::Kind::edge_edge) {
+    const auto& ea = a.edges()[f.first];
+    const auto& eb = b.edges()[f.second];
+    const SegmentPair q = closestOnSegments(a.start[ea[0]], a.start[ea[1]], b.start[eb[0]], b.start[eb[1]]);
+    pair.first_vertex = {ea[0], ea[1], -1};
+    pair.second_vertex = {eb[0], eb[1], -1};
+    pair.first_weight = {1 - q.s, q.s, 0};
+    pair.second_weight = {1 - q.t, q.t, 0};
+  } else {
+    const bool vertex_first = pair.kind == FeaturePair::Kind::vertex_face;
+    const auto& face = vertex_first ? b.triangles()[f.second] : a.triangles()[f.first];
+    const std::vector<Vec3>& x = vertex_first ? b.start : a.start;
+    const int vertex = vertex_first ? f.first : f.second;
+    const Vec3& p = vertex_first ? a.start[vertex] : b.start[vertex];
+    const TrianglePoint q = closestOnTriangle(p, x[face[0]], x[face[1]], x[face[2]]);
+    (vertex_first ? pair.first_vertex : pair.second_vertex) = {vertex, -1, -1};
+    (vertex_first ? pair.first_weight : pair.second_weight) = one;
+    (vertex_first ? pair.second_vertex : pair.first_vertex) = face;
+    (vertex_first ? pair.second_weight : pair.first_weight) = q.weight;
+  }
+  const Vec3 line =
+      at(a.start, pair.first_vertex, pair.first_weight) - at(b.start, pair.second_vertex, pair.second_weight);
+  const double distance = line.norm();
+  if (!(distance < settings.thickness + settings.reach) || !(distance > 1e-3 * settings.thickness)) return;
+  pair.start_distance = distance;
+  pair.normal = line / distance;
+  // turned far since: another side of the features, which has pairs of its own
+  if (pair.normal.dot(earlier.normal) < 0.7) return;
+  const Vec3 end = at(a.end, pair.first_vertex, pair.first_weight) - at(b.end, pair.second_vertex, pair.second_weight);
+  pair.end_distance = pair.normal.dot(end);
+  if (ia == ib)
+    pair.rest_distance = (earlier.thickness < settings.thickness ? earlier.thickness / kSlackShare
+                                                                 : std::numeric_limits<double>::infinity());
+  add(ia, ib, pair, settings, friction(id(items_[ia]), id(items_[ib])), false, out);
+}
+
 // A path that runs into the other surface tells little about what comes after: edges that hit late do so from odd
 // sides, and what is near at its end is near from within. Those wait for the next pass, whose path stops at the first.
 void SurfaceContacts::keepDependable() {
@@ -332,6 +394,7 @@ void SurfaceContacts::find(const SurfaceContactSettings& settings, const Frictio
                            std::vector<Contact>& out) {
   const double reach =
       first_pass ? settings.thickness + settings.reach : (1.0 - kSlackShare) * settings.thickness + settings.reach;
+  for (Item& item : items_) refit(item);
   for (std::size_t b = 0; b < items_.size(); ++b) {
     if (items_[b].self) {
       found_.clear();

@@ -64,6 +64,10 @@ class SurfaceContacts {
   /// @param first_pass  also pairs that start inside each other
   void find(const SurfaceContactSettings& settings, const FrictionTable& friction, bool first_pass,
             std::vector<Contact>& out);
+  /// The same features as in an earlier step, where they now are, if they are within reach; appends. Which of the pairs
+  /// around a place is nearest changes from step to step; keeping those that carried force keeps the force steady.
+  void follow(const Contact& earlier, const SurfaceContactSettings& settings, const FrictionTable& friction,
+              std::vector<Contact>& out);
   /// Deepest overlap at the start [m], 0: none.
   double overlap() const { return overlap_; }
   std::size_t triangles() const;
@@ -79,6 +83,7 @@ class SurfaceContacts {
     std::vector<std::array<double, 4>> weights;
     std::vector<int> patch;  // of each vertex: what moves affinely
     VecX start;              // node positions
+    bool stale = false;      // boxes are older than positions
   };
   struct PairState {
     bool suspect = true;  // may overlap
@@ -87,6 +92,7 @@ class SurfaceContacts {
   PairState& pair(std::size_t a, std::size_t b) { return pairs_[b * (b - 1) / 2 + a]; }
   static int id(const Item& item);
   static void place(const Item& item, const VecX& x, std::vector<Vec3>& out);
+  static void refit(Item& item);
   static int patch(const Item& item, int vertex);
   static bool facesOutward(const Item& a, const Item& b, const FeaturePair& pair);
   static ContactPoint point(const Item& item, const std::array<int, 3>& vertex, const std::array<double, 3>& weight);

@@ -119,7 +119,9 @@ void SelfExclusion::excludeClusters(const CollisionSurface& surface) {
   std::vector<std::vector<int>> clusters_of(offset_.size());
   for (int c = 0; c < clusters; ++c) {
     auto& groups = groups_of[static_cast<size_t>(c)];
-    for (const int v : surface.verticesOfCluster(c)) groups.push_back(group_[static_cast<size_t>(v)]);
+    for (const int t : surface.trianglesOfCluster(c)) {
+      groups.push_back(group_[static_cast<size_t>(surface.triangles()[static_cast<size_t>(t)][0])]);
+    }
     std::sort(groups.begin(), groups.end());
     groups.erase(std::unique(groups.begin(), groups.end()), groups.end());
     for (const int g : groups)
@@ -444,13 +446,14 @@ struct SurfacePairFinder::Faces {
 void SurfacePairFinder::testVertexFace(Search& s, bool vertex_first, int vertex, int owner, int face) {
   const Faces faces{s, settings_, vertex_first ? s.a : s.b, vertex_first ? s.b : s.a};
   const CollisionSurface &sv = faces.sv, &sf = faces.sf;
+  if (faces.excluded(vertex, face)) return;
   TrianglePoint q = vertexFaceAt(sv, vertex, sf, face, 0);
   FeaturePair pair;
   pair.start_distance = q.distance;
   const bool near_start = q.distance < s.reach;
   if (near_start && s.from > 0) return;
   const double travel = faces.travel(vertex, face);
-  if (q.distance - travel > s.reach || faces.excluded(vertex, face)) return;
+  if (q.distance - travel > s.reach) return;
 
   const bool touch = touching(q.distance, at(sv.start, vertex));
   const double least = s.threshold(q.distance, settings_.hit_fraction);
@@ -514,6 +517,9 @@ void SurfacePairFinder::testVertexFace(Search& s, bool vertex_first, int vertex,
 void SurfacePairFinder::testEdgeEdge(Search& s, int edge_a, int edge_b) {
   const auto &a = s.a.edges()[static_cast<size_t>(edge_a)], &b = s.b.edges()[static_cast<size_t>(edge_b)];
   FeaturePair pair;
+  pair.first_vertex = {a[0], a[1], -1};
+  pair.second_vertex = {b[0], b[1], -1};
+  if (s.excluded(pair.first_vertex, pair.second_vertex)) return;
   SegmentPair q = edgesAt(s.a, a, s.b, b, 0);
   pair.start_distance = q.distance;
   const bool near_start = q.distance < s.reach;
@@ -523,9 +529,6 @@ void SurfacePairFinder::testEdgeEdge(Search& s, int edge_a, int edge_b) {
     for (const int w : b) travel2 = std::max(travel2, (displacement(s.a, v) - displacement(s.b, w)).squaredNorm());
   const double travel = std::sqrt(travel2);
   if (q.distance - travel > s.reach) return;
-  pair.first_vertex = {a[0], a[1], -1};
-  pair.second_vertex = {b[0], b[1], -1};
-  if (s.excluded(pair.first_vertex, pair.second_vertex)) return;
 
   const Faces a_on_b{s, settings_, s.a, s.b}, b_on_a{s, settings_, s.b, s.a};
   const auto inside = [](const SegmentPair& p) {

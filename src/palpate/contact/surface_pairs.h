@@ -52,7 +52,7 @@ class SelfExclusion {
   bool excludesGroups(int g, int h) const;
   /// Shared vertices and groups; -1 in either list is skipped.
   bool excludes(const std::array<int, 3>& first, const std::array<int, 3>& second) const;
-  /// Whether all features of two clusters exclude each other.
+  /// Whether two clusters are excluded as wholes: the groups of all their triangles' first vertices exclude each other.
   bool excludesClusters(int a, int b) const;
 
  private:

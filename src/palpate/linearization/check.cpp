@@ -6,6 +6,7 @@
 #include <Eigen/SparseCore>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <utility>
 #include <vector>
 
@@ -252,7 +253,7 @@ class SlowBody {
 class SlowStep {
  public:
   SlowStep(const World& world, bool frozen)
-      : world_(world), tool_(world.tool()), set_(world.contacts()), frozen_(frozen), slow_tool_(world.tool()) {
+      : world_(world), tool_(world.tool()), set_(carrying(world.contacts())), frozen_(frozen), slow_tool_(tool_) {
     slow_tool_.buildSystem(tool_.startPose());
     const auto rows = static_cast<Eigen::Index>(3 * set_.contacts.size());
     other_delassus_.setZero(rows, rows);
@@ -291,6 +292,21 @@ class SlowStep {
   }
 
  private:
+  // The contacts that carry force; the others' impulses stay zero.
+  static ContactSet carrying(const ContactSet& all) {
+    ContactSet out;
+    out.bodies = all.bodies;
+    out.impulse.resize(static_cast<Eigen::Index>(3 * all.active()));
+    for (std::size_t i = 0; i < all.contacts.size(); ++i) {
+      if (all.status[i].state == ContactState::open) continue;
+      out.impulse.segment<3>(static_cast<Eigen::Index>(3 * out.contacts.size())) =
+          all.impulse.segment<3>(static_cast<Eigen::Index>(3 * i));
+      out.contacts.push_back(all.contacts[i]);
+      out.status.push_back(all.status[i]);
+    }
+    return out;
+  }
+
   VecX gaps(const VecX& x) const {
     VecX g(static_cast<Eigen::Index>(set_.contacts.size()));
     for (std::size_t i = 0; i < set_.contacts.size(); ++i) {
@@ -310,11 +326,13 @@ class SlowStep {
   }
 
   // Newton on the equalities that the contacts' states say; linear but for sliding on the exact cone.
-  VecX solveStates(const MatX& w, const VecX& free, const VecX& gap) const {
+  VecX solveStates(const MatX& w, const VecX& free, const VecX& gap) {
     const double h = tool_.input().step;
     const int facets = world_.contact.cone.facets;
     VecX lambda = set_.impulse;
     const Eigen::Index rows = lambda.size();
+    const bool turning = set_.count(ContactState::slide) > 0;
+    double previous = std::numeric_limits<double>::infinity();
     for (int iteration = 0; iteration < 30; ++iteration) {
       const VecX velocity = w * lambda + free;
       VecX r(rows);
@@ -327,11 +345,7 @@ class SlowStep {
         const Eigen::Vector2d lt = lambda.segment<2>(i + 1);
         r[i] = velocity[i] + gap[i / 3] / h;
         by_velocity(i, i) = 1;
-        if (s.state == ContactState::open) {
-          r.segment<3>(i) = lambda.segment<3>(i);
-          by_velocity(i, i) = 0;
-          by_lambda.block<3, 3>(i, i).setIdentity();
-        } else if (s.state == ContactState::stick) {
+        if (s.state == ContactState::stick) {
           r.segment<2>(i + 1) = vt;
           by_velocity.block<2, 2>(i + 1, i + 1).setIdentity();
         } else if (s.state == ContactState::vertex) {
@@ -357,39 +371,63 @@ class SlowStep {
               mu * lambda[i] / speed * (Eigen::Matrix2d::Identity() - t * t.transpose());
         }
       }
-      const MatX jacobian = by_velocity * w + by_lambda;
-      Eigen::CompleteOrthogonalDecomposition<MatX> solver;
-      solver.setThreshold(1e-10);
-      solver.compute(jacobian);
-      const VecX step = solver.solve(r);
+      if (!frozen_ || turning || !decomposed_) {  // else all is linear, and the matrix ever the same
+        decomposition_.setThreshold(1e-10);
+        decomposition_.compute(by_velocity * w + by_lambda);
+        decomposed_ = true;
+      }
+      const VecX step = decomposition_.solve(r);
       lambda -= step;
-      if (step.norm() <= 1e-14 * lambda.norm()) break;
+      const double size = step.norm() / lambda.norm();
+      if (size <= 1e-14 || (size < 1e-8 && size > 0.3 * previous)) break;  // as small as rounding lets it be
+      previous = size;
     }
     return lambda;
   }
 
   const World& world_;
   const Body& tool_;
-  const ContactSet& set_;
+  ContactSet set_;  // those that carry force
   bool frozen_;
   SlowBody slow_tool_;
+  Eigen::CompleteOrthogonalDecomposition<MatX> decomposition_;
+  bool decomposed_ = false;
   MatX other_delassus_;  // of the bodies that the handle's motion does not reach but through contact
   VecX other_free_;
 };
 
-void centralDifferences(SlowStep& step, const Body& tool, double length, Mat6& kx, Mat6& kv) {
-  const double translation = 1e-5 * length;
-  const double rotation = 1e-5;
+// Slowest slip of what slides on the exact cone [m/s]; infinite: nothing does. Friction turns with the slip, so what
+// changes it by more than a part of itself is no small change.
+double slowestSlip(const ContactSet& set) {
+  double slowest = std::numeric_limits<double>::infinity();
+  if (set.contacts.empty()) return slowest;
+  const VecX velocity = set.delassus * set.impulse + set.free;
+  for (std::size_t i = 0; i < set.contacts.size(); ++i) {
+    if (set.status[i].state != ContactState::slide || !(set.contacts[i].friction > 0)) continue;
+    slowest = std::min(slowest, velocity.segment<2>(static_cast<Eigen::Index>(3 * i + 1)).norm());
+  }
+  return slowest;
+}
+
+// Of fourth order: (8 (f(d) - f(-d)) - (f(2d) - f(-2d))) / 12 d.
+template <class Force>
+Vec6 centralDifference(const Force& force, double d) {
+  return (8 * (force(d) - force(-d)) - (force(2 * d) - force(-2 * d))) / (12 * d);
+}
+
+void centralDifferences(SlowStep& step, const World& world, double length, Mat6& kx, Mat6& kv) {
+  const Body& tool = world.tool();
+  const double speed = std::min(1e-3, std::max(1e-2 * slowestSlip(world.contacts()), 1e-7));
+  const double angle = std::min(1e-5, speed * tool.input().step / length);
   for (int k = 0; k < 6; ++k) {
-    Vec6 d = Vec6::Zero();
-    d[k] = k < 3 ? translation : rotation;
-    kx.col(k) = (step.force(advance(tool.startPose(), d), tool.startTwist()) -
-                 step.force(advance(tool.startPose(), -d), tool.startTwist())) /
-                (2 * d[k]);
-    d[k] = k < 3 ? 1e-3 : 1e-3 / length;
+    const Vec6 along = Vec6::Unit(k) * (k < 3 ? 1.0 : 1.0 / length);
+    kx.col(k) = centralDifference(
+        [&](double d) { return step.force(advance(tool.startPose(), d * along), tool.startTwist()); }, angle * length);
     kv.col(k) =
-        (step.force(tool.startPose(), tool.startTwist() + d) - step.force(tool.startPose(), tool.startTwist() - d)) /
-        (2 * d[k]);
+        centralDifference([&](double d) { return step.force(tool.startPose(), tool.startTwist() + d * along); }, speed);
+    if (k < 3) continue;
+    kx.col(k) *= length;
+    kv.col(k) *= length;
   }
 }
 
@@ -438,13 +476,13 @@ LinearizationCheck checkLinearization(World& world, const DeviceTarget& device, 
   out.sliding = out.active - out.sticking;
   Mat6 kx, kv;
   SlowStep frozen(world, true);
-  centralDifferences(frozen, tool, length, kx, kv);
+  centralDifferences(frozen, world, length, kx, kv);
   out.kx_frozen = compareBlocks(model.kx, kx, length);
   out.kv_frozen = compareBlocks(model.kv, kv, length);
   const Vec6 force = frozen.force(tool.startPose(), tool.startTwist());
   out.force_error = (force - model.force).norm() / std::max(force.norm(), 1e-12);
   SlowStep full(world, false);
-  centralDifferences(full, tool, length, kx, kv);
+  centralDifferences(full, world, length, kx, kv);
   out.kx_full = compareBlocks(model.kx, kx, length);
   out.kv_full = compareBlocks(model.kv, kv, length);
   return out;

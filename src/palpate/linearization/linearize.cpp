@@ -100,18 +100,28 @@ HandleContactTurn handleContactTurn(const Body& tool, const ContactSet& set, int
   return out;
 }
 
-// Active contacts whose normal rows are independent: pivoted Cholesky of W_nn, dropping what others determine to a
-// tenth.
-std::vector<char> wellConditioned(const ContactSet& set) {
+// The tool's and handle's own part of W. With contacts decoupled from each other, other bodies drop out of the model
+// (paper, section 3.5): they are taken to go their way whatever the tool does. Their compliance alone, without what
+// holds them, would let a body that stands on the ground float away under the tool.
+MatX toolDelassus(const Body& tool, const Body::ContactRows& own, std::size_t contact_count) {
+  MatX part = own.z.transpose() * tool.handleSchurInverse() * own.z;
+  if (own.half.rows() > 0) part.noalias() += own.half.transpose() * own.half;
+  return own.spread(own.spread(part, contact_count).transpose(), contact_count);
+}
+
+// Active contacts of the tool whose normal rows are independent: pivoted Cholesky of W_nn, dropping what others
+// determine to a tenth.
+std::vector<char> wellConditioned(const ContactSet& set, const std::vector<int>& own, const MatX& delassus) {
   constexpr double kIndependent = 0.1;  // of the contact's own compliance, once those chosen before it are held
   std::vector<int> active;
-  for (std::size_t i = 0; i < set.contacts.size(); ++i) {
-    if (set.status[i].state != ContactState::open) active.push_back(static_cast<int>(i));
+  for (const int i : own) {
+    if (set.status[i].state != ContactState::open) active.push_back(i);
   }
   const auto n = static_cast<Eigen::Index>(active.size());
   std::vector<char> chosen(set.contacts.size(), 0);
+  if (n == 0) return chosen;
   VecX rest(n);
-  for (Eigen::Index i = 0; i < n; ++i) rest[i] = set.delassus(3 * active[i], 3 * active[i]);
+  for (Eigen::Index i = 0; i < n; ++i) rest[i] = delassus(3 * active[i], 3 * active[i]);
   const VecX full = rest;
   MatX factor(n, n);
   for (Eigen::Index k = 0; k < n; ++k) {
@@ -119,7 +129,7 @@ std::vector<char> wellConditioned(const ContactSet& set) {
     const double share = rest.cwiseQuotient(full.cwiseMax(1e-300)).maxCoeff(&pivot);
     if (!(share > kIndependent)) break;
     chosen[active[pivot]] = 1;
-    for (Eigen::Index i = 0; i < n; ++i) factor(i, k) = set.delassus(3 * active[i], 3 * active[pivot]);
+    for (Eigen::Index i = 0; i < n; ++i) factor(i, k) = delassus(3 * active[i], 3 * active[pivot]);
     if (k > 0) factor.col(k) -= factor.leftCols(k) * factor.row(pivot).head(k).transpose();
     factor.col(k) /= std::sqrt(rest[pivot]);
     rest -= factor.col(k).cwiseAbs2();
@@ -128,74 +138,96 @@ std::vector<char> wellConditioned(const ContactSet& set) {
   return chosen;
 }
 
+// Active contacts that the tool's motion reaches: its own, those of the bodies that it touches, and so on.
+std::vector<char> reached(const ContactSet& set, int tool) {
+  std::vector<int> bodies{tool};
+  std::vector<char> out(set.contacts.size(), 0);
+  const auto known = [&](const ContactPoint& point) {
+    return point.body >= 0 && std::find(bodies.begin(), bodies.end(), point.body) != bodies.end();
+  };
+  for (std::size_t before = 0; before < bodies.size();) {
+    before = bodies.size();
+    for (std::size_t i = 0; i < out.size(); ++i) {
+      const Contact& c = set.contacts[i];
+      if (out[i] || set.status[i].state == ContactState::open || !(known(c.first) || known(c.second))) continue;
+      out[i] = 1;
+      for (const ContactPoint* point : {&c.first, &c.second}) {
+        if (point->body >= 0 && !known(*point)) bodies.push_back(point->body);
+      }
+    }
+  }
+  return out;
+}
+
 // dlambda for given changes of the rows' free velocity and of the constraint, [rows x 12]
-MatX impulseResponse(const ContactSet& set, const FrictionCone& cone, const VecX& row_velocity, DelassusModel model,
-                     const MatX& free_change, const MatX& given) {
-  ContactSet subset;
-  const ContactSet* used = &set;
-  if (model == DelassusModel::diagonal) {
-    subset.status = set.status;
-    const std::vector<char> keep = wellConditioned(set);
-    for (std::size_t i = 0; i < keep.size(); ++i) {
-      if (!keep[i]) subset.status[i].state = ContactState::open;
-    }
-    subset.contacts = set.contacts;
-    subset.impulse = set.impulse;
-    used = &subset;
+MatX impulseResponse(const ContactResponse& law, const MatX& delassus, DelassusModel model, const MatX& free_change,
+                     const MatX& given) {
+  const Eigen::Index n = law.d.size();
+  const auto row = [&](Eigen::Index k) { return static_cast<Eigen::Index>(3 * law.contact[k]); };
+  MatX right(n, 12);
+  for (Eigen::Index k = 0; k < n; ++k) {
+    right.row(k) = law.c.col(k).transpose() * (given.middleRows<3>(row(k)) - free_change.middleRows<3>(row(k)));
   }
-  const ContactResponse law = contactResponse(*used, cone, row_velocity);
-  const MatX right = law.c.transpose() * (given - free_change);
+  MatX y(n, 12);
   if (model == DelassusModel::diagonal) {
-    VecX diagonal(law.d.size());
-    for (Eigen::Index k = 0; k < diagonal.size(); ++k) {
-      // columns of B and C touch the three rows of one contact
-      Eigen::Index first = 0;
-      while (law.b.col(k).segment<3>(first).isZero(0.0)) first += 3;
-      diagonal[k] =
-          law.c.col(k).segment<3>(first).dot(set.delassus.block<3, 3>(first, first) * law.b.col(k).segment<3>(first)) +
-          law.d[k];
+    for (Eigen::Index k = 0; k < n; ++k) {
+      y.row(k) = right.row(k) / (law.c.col(k).dot(delassus.block<3, 3>(row(k), row(k)) * law.b.col(k)) + law.d[k]);
     }
-    return law.b * diagonal.cwiseInverse().asDiagonal() * right;
+  } else {
+    MatX q(n, n);
+    VecX column(delassus.rows());
+    for (Eigen::Index l = 0; l < n; ++l) {
+      column.noalias() = delassus.middleCols<3>(row(l)) * law.b.col(l);
+      for (Eigen::Index k = 0; k < n; ++k) q(k, l) = law.c.col(k).dot(column.segment<3>(row(k)));
+    }
+    // Redundant contacts leave q singular but consistent: a shift far below the contact's own compliance changes no
+    // force. Not relative to D, which is huge where a contact slides fast under next to no force.
+    constexpr double kShift = 1e-11;
+    for (Eigen::Index k = 0; k < n; ++k) {
+      q(k, k) += law.d[k] + kShift * law.c.col(k).dot(delassus.block<3, 3>(row(k), row(k)) * law.c.col(k));
+    }
+    y = q.partialPivLu().solve(right);
   }
-  MatX q = law.c.transpose() * set.delassus * law.b;
-  q.diagonal() += law.d;
-  // redundant contacts leave q singular but consistent: a shift far below its entries changes no force
-  q.diagonal().array() += 1e-11 * q.diagonal().cwiseAbs().maxCoeff();
-  return law.b * q.partialPivLu().solve(right);
+  MatX dlambda = MatX::Zero(free_change.rows(), 12);
+  for (Eigen::Index k = 0; k < n; ++k) dlambda.middleRows<3>(row(k)) += law.b.col(k) * y.row(k);
+  return dlambda;
 }
 
 }  // namespace
 
-ContactResponse contactResponse(const ContactSet& set, const FrictionCone& cone, const VecX& row_velocity) {
-  const auto m = static_cast<Eigen::Index>(set.contacts.size());
+ContactResponse contactResponse(const ContactSet& set, const std::vector<char>& used, const FrictionCone& cone,
+                                const VecX& row_velocity) {
   ContactResponse out;
-  out.b.setZero(3 * m, 3 * m);
-  out.c.setZero(3 * m, 3 * m);
-  out.d.setZero(3 * m);
+  const auto capacity = static_cast<Eigen::Index>(3 * set.contacts.size());
+  out.b.resize(3, capacity);
+  out.c.resize(3, capacity);
+  out.d.resize(capacity);
   Eigen::Index n = 0;
-  const auto add = [&](Eigen::Index row, const Vec3& b, const Vec3& c, double d) {
-    out.b.col(n).segment<3>(row) = b;
-    out.c.col(n).segment<3>(row) = c;
-    out.d[n++] = d;
-  };
-  for (Eigen::Index i = 0; i < m; ++i) {
-    const Eigen::Index row = 3 * i;
+  for (std::size_t i = 0; i < set.contacts.size(); ++i) {
+    if (!used[i]) continue;
+    const auto row = static_cast<Eigen::Index>(3 * i);
     const double mu = set.contacts[i].friction;
     const Vec3 normal = Vec3::UnitX();
+    const auto add = [&](const Vec3& b, const Vec3& c, double d) {
+      out.contact.push_back(static_cast<int>(i));
+      out.b.col(n) = b;
+      out.c.col(n) = c;
+      out.d[n++] = d;
+    };
     switch (set.status[i].state) {
       case ContactState::open:
         break;
       case ContactState::stick:
-        for (int k = 0; k < 3; ++k) add(row, Vec3::Unit(k), Vec3::Unit(k), 0.0);
+        for (int k = 0; k < 3; ++k) add(Vec3::Unit(k), Vec3::Unit(k), 0.0);
         break;
       case ContactState::vertex:
-        add(row, normal + mu * vertexDirection(set.status[i].index, cone.facets), normal, 0.0);
+        add(normal + mu * vertexDirection(set.status[i].index, cone.facets), normal, 0.0);
         break;
       case ContactState::edge: {
         const double apothem = mu * std::cos(M_PI / cone.facets);
         const Vec3 along = edgeTangent(set.status[i].index, cone.facets);
-        add(row, normal + apothem * edgeNormal(set.status[i].index, cone.facets), normal, 0.0);
-        add(row, along, along, 0.0);
+        add(normal + apothem * edgeNormal(set.status[i].index, cone.facets), normal, 0.0);
+        add(along, along, 0.0);
         break;
       }
       case ContactState::slide: {
@@ -203,15 +235,15 @@ ContactResponse contactResponse(const ContactSet& set, const FrictionCone& cone,
         const Vec3 slip(0, row_velocity[row + 1], row_velocity[row + 2]);
         const double speed = slip.norm();
         if (mu == 0 || speed == 0 || normal_impulse <= 0) {
-          add(row, normal, normal, 0.0);
+          add(normal, normal, 0.0);
           break;
         }
         // lambda_t = -mu lambda_n t with t = slip / speed: across t it turns with the slip,
         // dlambda_t = -(mu lambda_n / speed) (I - t t^T) dslip
         const Vec3 along = slip / speed;
         const Vec3 across(0, -along.z(), along.y());
-        add(row, normal - mu * along, normal, 0.0);
-        add(row, across, across, speed / (mu * normal_impulse));
+        add(normal - mu * along, normal, 0.0);
+        add(across, across, speed / (mu * normal_impulse));
         break;
       }
     }
@@ -292,12 +324,18 @@ HandleModel linearize(World& world, const LinearizationSettings& settings, doubl
     for (Eigen::Index r = 0; r < given.rows(); r += 3) {
       if (!set.contacts[r / 3].capped) given.row(r).head<6>() = -handle.col(r).transpose() / h;
     }
-    VecX row_velocity = set.delassus * set.impulse + set.free;
+    const VecX row_velocity = set.delassus * set.impulse + set.free;
     if (full) {
       free_change.leftCols<6>() += extra_rows;
       given.leftCols<6>() -= turn.rows;
     }
-    const MatX dlambda = impulseResponse(set, world.contact.cone, row_velocity, settings.delassus, free_change, given);
+    const bool diagonal = settings.delassus == DelassusModel::diagonal;
+    const MatX tool_only = diagonal ? toolDelassus(tool, *own, set.contacts.size()) : MatX();
+    const std::vector<char> used =
+        diagonal ? wellConditioned(set, own->contacts, tool_only) : reached(set, world.toolIndex());
+    const ContactResponse law = contactResponse(set, used, world.contact.cone, row_velocity);
+    const MatX dlambda =
+        impulseResponse(law, diagonal ? tool_only : set.delassus, settings.delassus, free_change, given);
     handle_dlambda = handle * dlambda;
     du += tool.handleSchurInverse() * (z * dlambda);
     a_ht_dv += j_t_x * dlambda;

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <vector>
+
 #include "palpate/linearization/handle_model.h"
 #include "palpate/simulation/world.h"
 
@@ -7,8 +9,9 @@ namespace palpate {
 
 /// What stands for A_lambda = J A^-1 J^T in eq. (11).
 enum class DelassusModel {
-  diagonal,  ///< `hsl`: its diagonal on a well-conditioned subset of the active contacts, as in the paper
-  exact,     ///< `hsl-exact`: the whole matrix
+  diagonal,  ///< `hsl`: its diagonal on a well-conditioned subset of the tool's active contacts; as in the paper, other
+             ///< bodies are left out: only the tool gives way
+  exact,     ///< `hsl-exact`: the whole matrix, of all bodies that the tool touches and that these touch
 };
 
 /// How much of the step is differentiated.
@@ -35,14 +38,18 @@ Vec6 couplingWrench(const World& world);
 /// @param time  at which the step began [s]
 HandleModel linearize(World& world, const LinearizationSettings& settings, double time);
 
-/// Linear contact law of the active contacts at the solution: dlambda = B y, (C^T W B + D) y = C^T (given - W-free
-/// part). stick: all three rows free; vertex and edge of the linearized cone, slide on the exact one: see
+/// Linear contact law of the active contacts at the solution: dlambda = B y, (C^T W B + D) y = C^T (given - change of
+/// the free velocity). Each unknown belongs to one contact; its columns of B and C are zero in the rows of all others.
+/// stick: all three rows free; vertex and edge of the linearized cone, slide on the exact one: see
 /// docs/linearization.md.
 struct ContactResponse {
-  MatX b;  ///< rows x unknowns
-  MatX c;  ///< rows x unknowns
-  VecX d;  ///< unknowns; turning of the friction direction on the exact cone
+  std::vector<int> contact;  ///< of each unknown
+  Eigen::Matrix3Xd b;        ///< 3 x unknowns
+  Eigen::Matrix3Xd c;        ///< 3 x unknowns
+  VecX d;                    ///< unknowns; turning of the friction direction on the exact cone
 };
-ContactResponse contactResponse(const ContactSet& set, const FrictionCone& cone, const VecX& row_velocity);
+/// @param used  one a contact: those that are not are left out as if they were open
+ContactResponse contactResponse(const ContactSet& set, const std::vector<char>& used, const FrictionCone& cone,
+                                const VecX& row_velocity);
 
 }  // namespace palpate

@@ -60,7 +60,7 @@ float smoothStep(float from, float to, float x) {
 struct LitMesh {
   SmoothMesh mesh;
   std::vector<Illumination> light;
-  float gloss = 0;
+  float gloss = 0, inside = 1;
   bool on_top = false;
 };
 
@@ -131,7 +131,7 @@ class Painter {
     for (const PictureMesh& mesh : scene_.meshes) {
       if (mesh.triangles.empty()) continue;
       check(mesh);
-      meshes_.push_back({smoothMesh(mesh, scene_.focus), {}, mesh.gloss, mesh.on_top});
+      meshes_.push_back({smoothMesh(mesh, scene_.focus), {}, mesh.gloss, mesh.inside, mesh.on_top});
     }
   }
 
@@ -406,13 +406,15 @@ class Painter {
     const float open = wa * la.open + wb * lb.open + wc * lc.open;
     const Vec3f towards = -sight.normalized();
     Vec3f normal = (wa * mesh.normals[ia] + wb * mesh.normals[ib] + wc * mesh.normals[ic]).normalized();
-    if (e1.cross(e2).dot(sight) > 0.0F) normal = -normal;  // an inside
+    const bool inside = e1.cross(e2).dot(sight) > 0.0F;
+    if (inside) normal = -normal;
     const Vec3f half = (key_direction_ + towards).normalized();
     const float shine = std::pow(std::max(0.0F, normal.dot(half)), 36.0F);
     const float facing = std::clamp(normal.dot(towards), 0.0F, 1.0F);
     const float edge = (1.0F - facing) * (1.0F - facing) * (1.0F - facing);
     Vec3f out = color.cwiseProduct(light);
     out.array() += lit.gloss * key * shine + 0.16F * edge * open * (0.5F + 0.5F * normal.z());
+    if (inside) out *= lit.inside;
     return out.unaryExpr(&shoulder);
   }
 

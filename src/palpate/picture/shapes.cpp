@@ -78,6 +78,27 @@ PictureMesh boxMesh(const Pose& pose, const Vec3& half_extents, const Color& col
   return mesh;
 }
 
+PictureMesh cutOpen(const PictureMesh& mesh, const Vec3& point, const Vec3& normal) {
+  PictureMesh out = mesh;
+  out.triangles.clear();
+  const auto height = [&](int v) { return normal.dot(mesh.vertices[v] - point); };
+  for (const auto& triangle : mesh.triangles) {
+    std::array<int, 4> corners{};
+    int count = 0;
+    for (int k = 0; k < 3; ++k) {
+      const int v = triangle[k], w = triangle[(k + 1) % 3];
+      const double a = height(v), b = height(w);
+      if (a >= 0.0) corners[count++] = v;
+      if ((a >= 0.0) != (b >= 0.0)) {
+        corners[count++] = static_cast<int>(out.vertices.size());
+        out.vertices.emplace_back(mesh.vertices[v] + a / (a - b) * (mesh.vertices[w] - mesh.vertices[v]));
+      }
+    }
+    for (int k = 2; k < count; ++k) out.triangles.push_back({corners[0], corners[k - 1], corners[k]});
+  }
+  return out;
+}
+
 PictureMesh arrowMesh(const Vec3& a, const Vec3& b, double width, const Color& color) {
   const double length = (b - a).norm();
   PictureMesh mesh;

@@ -18,6 +18,10 @@ PictureMesh capsuleMesh(const Vec3& a, const Vec3& b, double radius, const Color
 /// Box with square-ish facets, some ten along its longest side.
 PictureMesh boxMesh(const Pose& pose, const Vec3& half_extents, const Color& color);
 
+/// What lies on the normal's side of a plane: triangles that cross it are cut, and the cut stays open. The mesh has one
+/// color.
+PictureMesh cutOpen(const PictureMesh& mesh, const Vec3& point, const Vec3& normal);
+
 /// Arrow from a to b, drawn over everything.
 /// @param width  of its shaft [m]; the head is shortened for short arrows
 PictureMesh arrowMesh(const Vec3& a, const Vec3& b, double width, const Color& color);

@@ -16,6 +16,7 @@ struct PictureMesh {
   std::vector<std::array<int, 3>> triangles;  ///< counter-clockwise seen from outside
   std::vector<Color> colors;                  ///< one a vertex, or one for all
   float gloss = 0.15F;                        ///< strength of the highlight
+  float inside = 1.0F;                        ///< brightness of triangles seen from behind, against the front's
   bool on_top = false;                        ///< drawn over everything else, without shadow: for arrows
 };
 

@@ -183,6 +183,8 @@ SceneConfig referenceConfig(const SceneConfig& config) {
   SceneConfig out = withGivenMotion(config);
   out.method = MethodName::vc;
   out.visual_step = out.haptic_step;
+  out.substeps = 1;
+  out.substeps_auto = false;
   out.latency = 0;
   out.aim = AimName::sample;
   return out;

@@ -12,6 +12,8 @@ struct RunTiming {
   double visual_step = 0.033;
   int latency = 1;
   bool predicted_aim = false;
+  int substeps = 1;            ///< parts in which a visual step is taken
+  bool substeps_auto = false;  ///< in real time as many as fit the visual step; in lockstep `substeps`
 };
 RunTiming timingOf(const SceneConfig& config);
 
@@ -19,9 +21,24 @@ RunTiming timingOf(const SceneConfig& config);
 DeviceTarget aimAt(const DeviceState& device, const RunTiming& timing);
 
 /// One visual step and its handle model: the six steps of the paper's algorithm (section 3.4).
+/// With substeps the derivatives are still those of one step of length h, their horizon; force and motion are those of
+/// the finer steps. That costs one step more.
 /// @param previous  model of the step before, which stays in force if this step fails; its age then tells the watchdog
 VisualRecord visualStep(World& world, const DeviceTarget& target, const LinearizationSettings& settings, double h,
-                        double time, const HandleModel& previous);
+                        double time, const HandleModel& previous, int substeps = 1);
+
+/// How many substeps fit a visual step, from the time that the last ones took.
+class SubstepBudget {
+ public:
+  explicit SubstepBudget(const RunTiming& timing) : timing_(timing), substeps_(timing.substeps) {}
+  int substeps() const { return substeps_; }
+  /// @param seconds  that a visual step with substeps() took, linearization included
+  void took(double seconds);
+
+ private:
+  RunTiming timing_;
+  int substeps_;
+};
 
 /// Model of the present state at rest, for the start of a run.
 HandleModel startModel(BuiltScene& scene, const RunTiming& timing);

@@ -55,6 +55,7 @@ void visualThread(BuiltScene& scene, const RunTiming& timing, HandleModel last, 
   DeviceFilter filter(scene.haptic.filter);
   filter.reset(scene.start);
   PeriodicReport report;
+  SubstepBudget budget(timing);
   PeriodicClock clock(timing.visual_step);
   clock.start(shared.start);
   while (!shared.stop.load(std::memory_order_relaxed) && !shared.haptic_done.load(std::memory_order_acquire)) {
@@ -63,7 +64,8 @@ void visualThread(BuiltScene& scene, const RunTiming& timing, HandleModel last, 
     const DeviceState* device = shared.samples.read();
     if (device == nullptr) continue;
     VisualRecord record = visualStep(scene.world, aimAt(filter.accept(*device), timing), scene.linearization,
-                                     timing.visual_step, now, last);
+                                     timing.visual_step, now, last, budget.substeps());
+    budget.took(record.step.times.total() + record.linearization_s);
     last = record.model;
     record.lateness_s = now - clock.time(k);
     shared.models.write(record.model);

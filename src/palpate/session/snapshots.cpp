@@ -24,10 +24,13 @@ constexpr double kFaintForce = 0.1;                       // [N], below which no
 constexpr double kWeakForce = 0.02;                       // [N], drawn as nothing
 constexpr double kPenLength = 0.85, kArrowLength = 0.65;  // in radii of the scene
 constexpr double kGrip = 0.72;                            // where on the pen the hand is
+constexpr float kInside = 0.5F;                           // brightness of the inside of a mesh that is cut open
+constexpr std::size_t kProbes = 60;                       // points of the tool, a picture, looked for in a socket
 const Color kHandleColor(0.86F, 0.22F, 0.18F), kPenColor(0.20F, 0.22F, 0.25F), kForceColor(0.10F, 0.42F, 0.80F),
     kObstacleColor(0.74F, 0.73F, 0.70F);
-const std::array<Color, 4> kBodyColors{Color(0.56F, 0.74F, 0.47F), Color(0.89F, 0.70F, 0.42F),
-                                       Color(0.50F, 0.64F, 0.82F), Color(0.74F, 0.58F, 0.78F)};
+const std::array<Color, 7> kBodyColors{
+    Color(0.56F, 0.74F, 0.47F), Color(0.89F, 0.70F, 0.42F), Color(0.50F, 0.64F, 0.82F), Color(0.74F, 0.58F, 0.78F),
+    Color(0.93F, 0.83F, 0.46F), Color(0.48F, 0.75F, 0.73F), Color(0.86F, 0.62F, 0.64F)};
 
 /// Share of a surface point that moves with the handle.
 float attachedShare(const Body& body, const EmbeddedPoint& point) {
@@ -45,6 +48,24 @@ float attachedShare(const Body& body, const EmbeddedPoint& point) {
 float tint(float share) {
   const float s = std::min(1.0F, share / 0.45F);
   return s * s * (3.0F - 2.0F * s);
+}
+
+/// Whether the ray from `origin` meets the triangle a, b, c (Moeller and Trumbore 1997).
+bool meets(const Vec3& origin, const Vec3& direction, const Vec3& a, const Vec3& b, const Vec3& c) {
+  const Vec3 e1 = b - a, e2 = c - a, p = direction.cross(e2), s = origin - a;
+  const double determinant = e1.dot(p);
+  if (determinant == 0.0) return false;
+  const double u = s.dot(p) / determinant;
+  if (u < 0.0 || u > 1.0) return false;
+  const Vec3 q = s.cross(e1);
+  const double v = direction.dot(q) / determinant;
+  return v >= 0.0 && u + v <= 1.0 && e2.dot(q) / determinant > 0.0;
+}
+
+Eigen::AlignedBox3d boundsOf(const std::vector<Vec3>& points) {
+  Eigen::AlignedBox3d bounds;
+  for (const Vec3& x : points) bounds.extend(x);
+  return bounds;
 }
 
 }  // namespace
@@ -102,9 +123,48 @@ std::vector<PictureMesh> Snapshots::obstacleMeshes() const {
       out.push_back(capsuleMesh(sphere->center, sphere->center, sphere->radius, kObstacleColor));
     } else if (const auto* capsule = std::get_if<CapsuleShape>(&obstacle.shape)) {
       out.push_back(capsuleMesh(capsule->a, capsule->b, capsule->radius, kObstacleColor));
+    } else if (const auto* mesh = std::get_if<MeshShape>(&obstacle.shape)) {
+      PictureMesh whole;
+      whole.vertices = mesh->surface.vertices;
+      whole.triangles = mesh->surface.triangles;
+      whole.colors = {kObstacleColor};
+      whole.inside = kInside;
+      if (surroundsTool(mesh->surface)) {
+        const Vec3 away = Vec3(lookingAlong().x(), lookingAlong().y(), 0.0).normalized();  // an upright section
+        out.push_back(cutOpen(whole, boundsOf(whole.vertices).center(), away));
+      } else {
+        out.push_back(std::move(whole));
+      }
     }
   }
   return out;
+}
+
+/// Whether a point of the tool, in any picture, has the surface on its four sides: in front, behind, left and right.
+bool Snapshots::surroundsTool(const Surface& surface) const {
+  const CameraFrame frame = cameraFrame(lookingAlong());
+  const Vec3 ahead = Vec3::UnitZ().cross(frame.right);
+  const Eigen::AlignedBox3d bounds = boundsOf(surface.vertices);
+  int tool = 0;
+  while (tool < world_.bodies() && !world_.body(tool).held()) ++tool;
+  if (tool == world_.bodies()) return false;
+  const auto hidden = [&](const Vec3& x, const Vec3& direction) {
+    return std::any_of(surface.triangles.begin(), surface.triangles.end(), [&](const std::array<int, 3>& t) {
+      return meets(x, direction, surface.vertices[t[0]], surface.vertices[t[1]], surface.vertices[t[2]]);
+    });
+  };
+  for (const Moment& moment : moments_) {
+    const std::vector<Vec3> points = bodyMesh(tool, moment).vertices;
+    const std::size_t stride = std::max<std::size_t>(1, points.size() / kProbes);
+    for (std::size_t i = 0; i < points.size(); i += stride) {
+      const Vec3& x = points[i];
+      if (bounds.contains(x) && hidden(x, -ahead) && hidden(x, ahead) && hidden(x, frame.right) &&
+          hidden(x, -frame.right)) {
+        return true;
+      }
+    }
+  }
+  return false;
 }
 
 /// The hand holds a pen whose tip is at the device's position and that turns with the device.
@@ -141,13 +201,18 @@ RunPictures Snapshots::draw() {
     }
     strongest = std::max(strongest, moment.force.norm());
   }
-  Eigen::AlignedBox3d bounds;
-  for (const Vec3& x : seen) bounds.extend(x);
   PictureScene common;
+  common.meshes = obstacleMeshes();
+  const double size = boundsOf(seen).diagonal().norm();
+  for (const PictureMesh& mesh : common.meshes) {  // what is no larger than the bodies is seen whole
+    if (boundsOf(mesh.vertices).diagonal().norm() <= size) {
+      seen.insert(seen.end(), mesh.vertices.begin(), mesh.vertices.end());
+    }
+  }
+  const Eigen::AlignedBox3d bounds = boundsOf(seen);
   common.focus = bounds.center();
   common.radius = 0.5 * bounds.diagonal().norm();
   common.grid = gridSpacing(2.0 * common.radius);
-  common.meshes = obstacleMeshes();
   for (const Obstacle& obstacle : world_.obstacles) {
     if (const auto* plane = std::get_if<PlaneShape>(&obstacle.shape))
       common.planes.push_back({plane->point, plane->normal});

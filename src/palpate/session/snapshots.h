@@ -44,7 +44,9 @@ class Snapshots {
 
   Vec3 lookingAlong() const;
   PictureMesh bodyMesh(int body, const Moment& moment) const;
+  /// Obstacles but planes. A mesh that surrounds a part of the tool is cut open towards the camera.
   std::vector<PictureMesh> obstacleMeshes() const;
+  bool surroundsTool(const Surface& surface) const;
   Vec3 penAxis(const Moment& moment) const;
   Vec3 grip(const Moment& moment) const;
   PictureScene sceneAt(const Moment& moment, const PictureScene& common, double metres_per_newton) const;

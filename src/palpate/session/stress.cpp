@@ -169,6 +169,8 @@ StressOutcome runStress(BuiltScene& scene, const StressSettings& settings,
     out.restored += report.status == StepStatus::restored ? 1 : 0;
     out.not_converged += report.status == StepStatus::contact_not_converged ? 1 : 0;
     out.cut += report.motion_share < 1 ? 1 : 0;
+    out.max_kinetic = std::max(out.max_kinetic, report.kinetic_energy);
+    out.max_elastic = std::max(out.max_elastic, report.elastic_energy);
     out.max_energy = std::max(out.max_energy, report.kinetic_energy + report.elastic_energy);
     const Intrusion in = examiner.examine(world, kInside * diagonal);
     out.deepest_penetration_rel = std::max(out.deepest_penetration_rel, in.depth / diagonal);

@@ -29,9 +29,10 @@ struct StressOutcome {
   int nan = 0;            ///< steps after which a position or velocity was not finite
   int wrong_side = 0;     ///< surface vertices inside another solid at the ends of calm
   double max_energy = 0;  ///< kinetic and elastic [J]
-  int restored = 0;       ///< steps that failed and left the state as it was
-  int not_converged = 0;  ///< steps whose contact solution did not reach its tolerance
-  int cut = 0;            ///< steps in which a body was stopped on its way, lest it cross another
+  double max_kinetic = 0, max_elastic = 0;  ///< each by itself [J]
+  int restored = 0;                         ///< steps that failed and left the state as it was
+  int not_converged = 0;                    ///< steps whose contact solution did not reach its tolerance
+  int cut = 0;                              ///< steps in which a body was stopped on its way, lest it cross another
   double median_ms = 0, p99_ms = 0, max_ms = 0;  ///< of a step
 };
 

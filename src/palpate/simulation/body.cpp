@@ -385,7 +385,8 @@ void Body::addDelassus(const std::vector<Contact>& contacts, int self, ContactRo
   rows.half = rows.trailing;
   if (rows.half.rows() > 0) factor_.trailing().triangularView<Eigen::Lower>().solveInPlace(rows.half);
   product_.setZero(count, count);
-  product_.selfadjointView<Eigen::Lower>().rankUpdate(rows.half.transpose());
+  // a rigid body has no such rows; Eigen divides by their number to choose its blocks
+  if (rows.half.rows() > 0) product_.selfadjointView<Eigen::Lower>().rankUpdate(rows.half.transpose());
   if (framed()) {
     rows.z += rows.handle;
     product_.triangularView<Eigen::Lower>() += rows.z.transpose() * (s_inverse_ * rows.z);

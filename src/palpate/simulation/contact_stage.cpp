@@ -6,6 +6,10 @@
 namespace palpate {
 namespace {
 
+SurfaceContactSettings surfaceSettings(const ContactSettings& settings, double step, bool first_pass) {
+  return {settings.thickness, first_pass ? settings.reach : 0.0, settings.recovery_speed, step};
+}
+
 constexpr double kLargestArc = 5.0;  // thicknesses by which a gap is corrected for the handle's turning
 
 }  // namespace
@@ -37,12 +41,8 @@ void ContactStage::find(const std::vector<Body*>& bodies, const std::vector<int>
     return;
   }
   for (std::size_t b = 0; b < bodies.size(); ++b) input.surfaces.setEnd(indices[b], x_end_[b]);
-  SurfaceContactSettings surface;
-  surface.thickness = settings.thickness;
-  surface.reach = first_pass ? settings.reach : 0.0;
-  surface.recovery_speed = settings.recovery_speed;
-  surface.step = bodies.front()->input().step;
-  input.surfaces.find(surface, input.friction, first_pass, candidates_);
+  input.surfaces.find(surfaceSettings(settings, bodies.front()->input().step, first_pass), input.friction, first_pass,
+                      candidates_);
   correctForTurning(bodies, indices, kLargestArc * settings.thickness);
 }
 
@@ -160,20 +160,24 @@ void ContactStage::predict(const std::vector<Body*>& bodies, const std::vector<i
   for (std::size_t b = 0; b < bodies.size(); ++b) bodies[b]->predict(earlier_, indices[b], earlier_impulse_);
 }
 
-// What carried force on a plane in the step before is a candidate wherever the prediction puts it. Surfaces near each
-// other are candidates anyway.
+// What carried force in the step before is a candidate wherever the prediction puts it.
 void ContactStage::followEarlier(const std::vector<Body*>& bodies, const std::vector<int>& indices,
-                                 const std::vector<Obstacle>& obstacles) {
+                                 const ContactInput& input) {
   found_.clear();
-  for (const Contact& c : candidates_) found_.push_back(c.track);
+  for (const Contact& c : candidates_) found_.push_back(c.key);
   std::sort(found_.begin(), found_.end());
+  const SurfaceContactSettings surface = surfaceSettings(input.settings, bodies.front()->input().step, true);
   for (const Contact& c : earlier_) {
-    if (c.partner >= static_cast<int>(obstacles.size())) continue;
-    if (std::binary_search(found_.begin(), found_.end(), c.track)) continue;
+    if (std::binary_search(found_.begin(), found_.end(), c.key)) continue;
+    if (c.partner >= static_cast<int>(input.obstacles.size())) {
+      input.surfaces.follow(c, surface, input.friction, candidates_);
+      continue;
+    }
     const auto at = std::find(indices.begin(), indices.end(), c.first.body);
     if (at == indices.end()) continue;
     const auto b = static_cast<std::size_t>(at - indices.begin());
-    candidates_.push_back(bodies[b]->contactFinder().follow(c, bodies[b]->startPositions(), x_end_[b], obstacles));
+    candidates_.push_back(
+        bodies[b]->contactFinder().follow(c, bodies[b]->startPositions(), x_end_[b], input.obstacles));
   }
 }
 
@@ -260,7 +264,7 @@ bool ContactStage::solve(const std::vector<Body*>& bodies, const std::vector<int
   const double h = bodies.front()->input().step;
   predict(bodies, indices);
   find(bodies, indices, input, true);
-  followEarlier(bodies, indices, input.obstacles);
+  followEarlier(bodies, indices, input);
   set_.candidates = static_cast<int>(candidates_.size());
   chooseContacts(bodies, settings);
   if (set_.contacts.empty() && !earlier_.empty()) {  // what was touched is out of reach: its impulses are, too
@@ -297,10 +301,7 @@ void ContactStage::limitMotion(const std::vector<Body*>& bodies, const std::vect
   constexpr int kPatient = 6;  // rounds after which a motion is cut by more than the impact asks
   share.assign(bodies.size(), 1.0);
   if (!set_.crossing) return;
-  SurfaceContactSettings surface;
-  surface.thickness = input.settings.thickness;
-  surface.reach = 0.0;
-  surface.step = bodies.front()->input().step;
+  const SurfaceContactSettings surface = surfaceSettings(input.settings, bodies.front()->input().step, false);
   std::vector<double> next;
   for (int round = 0; round <= kRounds; ++round) {
     for (std::size_t b = 0; b < bodies.size(); ++b) {

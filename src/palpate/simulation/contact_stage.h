@@ -91,7 +91,7 @@ class ContactStage {
   bool prepareNodes(const Bodies& bodies, const std::vector<int>& indices);
   void solveOnce(const Bodies& bodies, const std::vector<int>& indices, const ContactSettings& settings);
   void predict(const Bodies& bodies, const std::vector<int>& indices);
-  void followEarlier(const Bodies& bodies, const std::vector<int>& indices, const std::vector<Obstacle>& obstacles);
+  void followEarlier(const Bodies& bodies, const std::vector<int>& indices, const ContactInput& input);
   void capRecovery(double h, double speed);
   void chooseContacts(const Bodies& bodies, const ContactSettings& settings);
   bool addViolated();

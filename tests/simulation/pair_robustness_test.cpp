@@ -1,0 +1,277 @@
+// Bodies against bodies, sheets and themselves: nothing passes through, starts inside each other are undone gently.
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "pair_scenes.h"
+
+namespace palpate {
+namespace {
+
+using namespace test;
+
+// --- self-contact
+
+constexpr double kArm = 0.06;     // [m]
+constexpr double kBend = 0.0127;  // radius of the middle of the bend [m]
+constexpr double kHalf = 0.005;   // thickness / 2 [m]
+constexpr double kLength = 2 * kArm + M_PI * kBend;
+
+// Bar that is bent by half a turn in its rest shape: one arm on the ground, the other 15 mm above it.
+struct Hook {
+  World world;
+  std::vector<std::array<int, 3>> lower, upper;  // triangles of the arms
+
+  explicit Hook(bool self) {
+    const Vec3 size(kLength, 0.02, 2 * kHalf);
+    TetrahedralMesh mesh = barMesh(size, {18, 2, 1}).mesh;
+    std::vector<double> along;
+    for (Vec3& p : mesh.nodes) {
+      along.push_back(p.x());
+      p = bent(p);
+    }
+    SimulationMesh hook = simulationMeshOf(std::move(mesh), "hook");
+    for (const auto& t : hook.surface.triangles) {
+      double low = 1e300;
+      double high = -1e300;
+      for (const int v : t) {
+        const EmbeddedPoint& e = hook.embedding[v];
+        double s = 0;
+        for (int k = 0; k < 4; ++k) s += e.weights[k] * along[hook.mesh.tetrahedra[e.tetrahedron][k]];
+        low = std::min(low, s);
+        high = std::max(high, s);
+      }
+      if (high < kArm + 1e-9) lower.push_back(t);
+      if (low > kLength - kArm - 1e-9) upper.push_back(t);
+    }
+    Material material;
+    material.youngs_modulus = 2e5;
+    material.damping_beta = 0.01;
+    Body body("hook", hook, material);
+    std::vector<int> nodes;
+    std::vector<Vec3> positions;
+    std::vector<double> masses;
+    for (int i = 0; i < body.nodes(); ++i) {
+      if (along[i] < kLength - 0.009) continue;
+      nodes.push_back(i);
+      positions.push_back(body.mesh().mesh.nodes[i]);
+      masses.push_back(body.elasticity().mass()[i]);
+    }
+    body.hold(makeHandle("end", nodes, positions, masses, 0.02, Vec3(1e-5, 1e-5, 1e-5), Quat::Identity()));
+    world.link = {700, 2, 1.0, 0.01};
+    world.obstacles = {ground(0.5)};
+    world.add(std::move(body), self);
+  }
+  static Vec3 bent(const Vec3& p) {
+    const double s = std::clamp((p.x() - kArm) / kBend, 0.0, M_PI);
+    const double rest = p.x() < kArm ? p.x() - kArm : std::max(p.x() - kArm - M_PI * kBend, 0.0);
+    const Vec3 direction(std::cos(s), 0, std::sin(s));
+    const Vec3 inward(-std::sin(s), 0, std::cos(s));
+    return Vec3(kArm, p.y(), kHalf + kBend) - kBend * inward + rest * direction + (p.z() - kHalf) * inward;
+  }
+  int crossing() const { return crossings(surfacePoints(world.tool()), lower, upper); }
+};
+
+struct Press {
+  int crossings = 0;            // of all steps
+  double force = 0;             // of the link on the device, upwards, at the end [N]
+  double worst_power = -1e300;  // of friction, relative to the impulse of 1 N s
+  double end_height = 0;
+};
+Press press(bool self) {
+  Hook hook(self);
+  Press out;
+  const Pose start = hook.world.tool().handle().pose;
+  for (int n = 0; n < 90; ++n) {
+    DeviceTarget device{start, Vec6::Zero()};
+    // down by 25 mm, then sideways to rub
+    device.pose.position.z() -= 0.025 * std::min(n / 50.0, 1.0);
+    device.pose.position.x() += 0.008 * std::clamp((n - 50) / 30.0, 0.0, 1.0);
+    const StepReport report = hook.world.step(device, 0.02);
+    EXPECT_NE(report.status, StepStatus::restored);
+    out.crossings += hook.crossing();
+    const ContactSet& set = hook.world.contacts();
+    double impulse = 0;
+    for (std::size_t i = 0; i < set.contacts.size(); ++i) impulse = std::max(impulse, impulseOf(set, i).norm());
+    if (impulse > 0) {
+      const double allowance = std::max(1e-12, 10 * set.solver.residual) * impulse;
+      EXPECT_LE(worstFrictionPower(hook.world), allowance) << "step " << n;
+    }
+    out.force = 700 * (hook.world.tool().handle().pose.position - device.pose.position).z();
+  }
+  out.end_height = hook.world.tool().handle().pose.position.z();
+  return out;
+}
+
+TEST(SelfContact, ArmsOfAHookMeetAndAreFelt) {
+  EXPECT_EQ(Hook(true).crossing(), 0);
+  const Press with = press(true);
+  const Press without = press(false);
+  EXPECT_EQ(with.crossings, 0);
+  EXPECT_GT(without.crossings, 0);  // the check can fail
+  EXPECT_GT(with.force, without.force + 1.0);
+  EXPECT_GT(with.end_height, without.end_height + 0.003);
+  if (getenv("VERBOSE"))
+    printf("force %g %g height %g %g\n", with.force, without.force, with.end_height, without.end_height);
+}
+
+// --- sheet
+
+Obstacle sheet() {
+  Surface s;
+  s.vertices = {{-0.1, -0.1, 0}, {0.1, -0.1, 0}, {0.1, 0.1, 0}, {-0.1, 0.1, 0}};
+  s.triangles = {{0, 1, 2}, {0, 2, 3}};
+  return {MeshShape{s}, 0.5, "sheet"};
+}
+
+// From either side of the triangles, and off their common edge and onto it.
+TEST(Sheet, SoftBallStaysOnTop) {
+  for (const bool flipped : {false, true}) {
+    for (const double y : {0.0, 0.02}) {
+      World world;
+      world.obstacles = {sheet()};
+      if (flipped) {
+        for (auto& t : std::get<MeshShape>(world.obstacles[0].shape).surface.triangles) std::swap(t[1], t[2]);
+      }
+      Material material;
+      material.damping_alpha = 2;
+      material.damping_beta = 0.01;
+      world.add(Body("ball", ballMesh(0.02, {0.0, y, 0.03}), material), true);
+      for (int n = 0; n < 60; ++n) {
+        ASSERT_NE(world.step({}, 0.02).status, StepStatus::restored);
+        ASSERT_GT(extent(world.body(0), 2).first, 0.0) << "step " << n;
+      }
+      EXPECT_LT(extent(world.body(0), 2).first, 5e-4);  // and does lie on it
+      const Vec3 weight = world.body(0).totalMass() * world.gravity;
+      EXPECT_LT((contactForce(world, 0).total + weight).norm(), 1e-3 * weight.norm());
+    }
+  }
+}
+
+// --- deep starts
+
+struct Deep {
+  const char* name;
+  Kind first, second;
+  double gravity;
+};
+class DeepStart : public ::testing::TestWithParam<Deep> {};
+
+TEST_P(DeepStart, ComesApartGently) {
+  const Deep& p = GetParam();
+  for (const double h : {0.005, 0.02, 0.033}) {
+    World world;
+    world.gravity = Vec3(0, 0, -p.gravity);
+    world.obstacles = {ground(0.5)};
+    const Vec3 size(0.06, 0.06, 0.03);
+    world.add(box(p.first, "lower", size, at({0, 0, 0.0151})));
+    world.add(box(p.second, "upper", Vec3(0.03, 0.03, 0.03), {Vec3(0.003, 0.002, 0.0401), expRotation({0, 0, 0.3})}));
+    ASSERT_TRUE(overlap(world.body(0), world.body(1)));
+    double fastest_center = 0;
+    double fastest_node = 0;
+    const int steps = static_cast<int>(0.5 / h);
+    int apart = -1;
+    for (int n = 0; n < steps; ++n) {
+      ASSERT_NE(world.step({}, h).status, StepStatus::restored);
+      for (int i = 0; i < 2; ++i) {
+        fastest_center = std::max(fastest_center, centerVelocity(world.body(i)).norm());
+        fastest_node = std::max(fastest_node, fastest(world.body(i)));
+      }
+      const bool in = overlap(world.body(0), world.body(1));
+      if (apart < 0 && !in) apart = n + 1;
+      if (apart >= 0) {
+        EXPECT_FALSE(in) << p.name << " h " << h << " step " << n;
+      }
+    }
+    if (getenv("VERBOSE"))
+      printf("%s h %g: center %g node %g apart after %d\n", p.name, h, fastest_center, fastest_node, apart);
+    const double fall = p.gravity * h;
+    EXPECT_LT(fastest_center, 1.25 * world.contact.recovery_speed + fall) << "h " << h;
+    EXPECT_LT(fastest_node, 1.25 * world.contact.recovery_speed + fall) << "h " << h;
+    EXPECT_GT(apart, 0);
+    // 5 mm at the recovery speed are 10 ms; soft bodies give way first
+    EXPECT_LE(apart * h, 0.1 + 2 * h) << "h " << h;
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Pairs, DeepStart,
+                         ::testing::Values(Deep{"soft_soft", Kind::soft, Kind::soft, 9.81},
+                                           Deep{"soft_soft_weightless", Kind::soft, Kind::soft, 0},
+                                           Deep{"soft_rigid", Kind::soft, Kind::rigid, 9.81},
+                                           Deep{"rigid_rigid", Kind::rigid, Kind::rigid, 9.81}),
+                         [](const auto& param) { return std::string(param.param.name); });
+
+// A corner hangs over, so the nearest way out differs from place to place, and places pull against each other. Slower,
+// and nodes are thrown about meanwhile; but it ends, and stays bounded.
+TEST(DeepStart, OverhangingCornerStaysBounded) {
+  for (const double gravity : {0.0, 9.81}) {
+    for (const double h : {0.005, 0.02, 0.033}) {
+      World world;
+      world.gravity.z() = -gravity;
+      world.obstacles = {ground(0.5)};
+      world.add(box(Kind::soft, "lower", Vec3(0.04, 0.04, 0.03), at({0, 0, 0.0151})));
+      world.add(
+          box(Kind::soft, "upper", Vec3(0.03, 0.03, 0.03), {Vec3(0.003, 0.002, 0.0401), expRotation({0, 0, 0.3})}));
+      double center_speed = 0;
+      double node_speed = 0;
+      int apart = -1;
+      for (int n = 0; n < static_cast<int>(1.0 / h); ++n) {
+        ASSERT_NE(world.step({}, h).status, StepStatus::restored);
+        for (int i = 0; i < 2; ++i) {
+          center_speed = std::max(center_speed, centerVelocity(world.body(i)).norm());
+          node_speed = std::max(node_speed, fastest(world.body(i)));
+        }
+        if (apart < 0 && !overlap(world.body(0), world.body(1))) apart = n + 1;
+      }
+      if (getenv("VERBOSE"))
+        printf("corner g %g h %g: center %g node %g apart after %g s\n", gravity, h, center_speed, node_speed,
+               apart * h);
+      EXPECT_LT(center_speed, 2.0 * world.contact.recovery_speed) << "h " << h;
+      EXPECT_LT(node_speed, 3.0) << "h " << h;
+    }
+  }
+}
+
+// --- fast
+
+// 10 m/s and 33 ms: a third of a meter a step, onto a plate of 1 mm.
+TEST(Fast, BallDoesNotPassAThinPlate) {
+  for (const double offset : {0.0, 0.013, 0.11}) {
+    World world;
+    world.obstacles = {{BoxShape{Pose{}, Vec3(0.5, 0.5, 0.0005)}, 0.3, "plate"}};
+    world.add(Body("ball", ballMesh(0.02, {0.003, 0.007, 0.05 + offset}), {}, 0.5, moving({1, 0, -10}, {10, 5, 0})),
+              true);
+    for (int n = 0; n < 20; ++n) {
+      ASSERT_NE(world.step({}, 0.033).status, StepStatus::restored);
+      ASSERT_GT(extent(world.body(0), 2).first, 0.0005) << "offset " << offset << " step " << n;
+    }
+  }
+}
+
+class FastAtBody : public ::testing::TestWithParam<Kind> {};
+
+// The target is wide and thin, and gives way: the ball must stay on its upper side, seen in the target's own frame.
+TEST_P(FastAtBody, BallDoesNotPassABody) {
+  for (const double offset : {0.0, 0.013, 0.11}) {
+    World world;
+    world.gravity.setZero();
+    BoxOptions options;
+    options.cells = {6, 6, 1};
+    options.youngs_modulus = 2e5;
+    world.add(box(GetParam(), "slab", Vec3(0.2, 0.2, 0.01), at({0, 0, -0.005}), options));
+    world.add(Body("ball", ballMesh(0.02, {0.003, 0.007, 0.03 + offset}), {}, 0.5, moving({0.5, 0, -10}, {10, 5, 0})),
+              true);
+    for (int n = 0; n < 10; ++n) {
+      ASSERT_NE(world.step({}, 0.033).status, StepStatus::restored);
+      ASSERT_FALSE(overlap(world.body(0), world.body(1))) << "offset " << offset << " step " << n;
+      ASSERT_GT(center(world.body(1)).z(), center(world.body(0)).z()) << "offset " << offset << " step " << n;
+    }
+    EXPECT_LT(momentum(world.body(0)).z(), -0.02);  // hit
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Targets, FastAtBody, ::testing::Values(Kind::soft, Kind::rigid),
+                         [](const auto& param) { return param.param == Kind::soft ? "soft" : "rigid"; });
+
+}  // namespace
+}  // namespace palpate
