@@ -55,6 +55,30 @@ def surface_scene(name, content):
     return make
 
 
+BODIES = """\
+bodies:
+  - name: stone
+    rigid: true
+    density: 2600
+    shape: {sphere: {radius: 0.02}}
+    pose: {position: [0.2, 0, 0]}
+obstacles:
+"""
+
+
+def contact_scene(old, new, *words):
+    """The good scene with a rigid body, a mesh obstacle and a pair, of which one thing is wrong."""
+    text = SCENE.replace("obstacles:\n", BODIES) + """\
+  - {name: plate, mesh: {shape: {box: {size: [0.1, 0.1, 0.002]}}, pose: {position: [0, 0.3, 0]}}}
+contact:
+  pairs:
+    - {between: [stone, plate], friction: 0.2}
+  thickness: 0.0002
+"""
+    assert old in text, old
+    return text_scene(text.replace(old, new, 1), *words)
+
+
 ALIASES = "".join(f"{b}: &{b} [{', '.join(['*' + a] * 10)}]\n" for a, b in zip("abcdefghijkl", "bcdefghijklm"))
 
 rejected_variants("bad-scene", {
@@ -96,6 +120,48 @@ rejected_variants("bad-scene", {
     "mesh-single-triangle": surface_scene("single.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"),
     "mesh-nan": surface_scene("nan.obj", TETRAHEDRON.replace("v 0 0 1", "v 0 0 nan")),
     "mesh-flat": surface_scene("flat.obj", TETRAHEDRON.replace("v 0 0 1", "v 1 1 0")),
+})
+
+rejected_variants("bad-contact", {
+    "pair-unknown-name": contact_scene("[stone, plate]", "[stone, plat]", "pairs", "plat"),
+    "pair-of-one": contact_scene("[stone, plate]", "[stone]", "pairs", "between"),
+    "pair-of-obstacles": contact_scene("[stone, plate]", "[ground, plate]", "pairs"),
+    "pair-rigid-self": contact_scene("[stone, plate]", "[stone, stone]", "pairs"),
+    "pair-twice": contact_scene("  thickness", "    - {between: [plate, stone], friction: 0.3}\n  thickness", "pairs"),
+    "pair-negative-friction": contact_scene("friction: 0.2", "friction: -0.2", "pairs", "friction"),
+    "pair-without-friction": contact_scene(", friction: 0.2", "", "pairs", "friction"),
+    "thickness-zero": contact_scene("thickness: 0.0002", "thickness: 0", "contact.thickness"),
+    "thickness-too-large": contact_scene("thickness: 0.0002", "thickness: 0.5", "contact.thickness"),
+    "thickness-nan": contact_scene("thickness: 0.0002", "thickness: .nan", "contact.thickness"),
+    "recovery-speed-zero": contact_scene("thickness: 0.0002", "max_recovery_speed: 0", "contact.max_recovery_speed"),
+    "rigid-with-handles": contact_scene("rigid: true", "rigid: true\n    handles: {}", "handles"),
+    "rigid-with-material": contact_scene("rigid: true", "rigid: true\n    material: {density: 1}", "material"),
+    "rigid-with-tetrahedra": contact_scene("rigid: true", "rigid: true\n    tetrahedra: 100", "tetrahedra"),
+    "rigid-bar": contact_scene("{sphere: {radius: 0.02}}", "{bar: {size: [0.1, 0.1, 0.1], cells: [1, 1, 1]}}", "shape"),
+    "rigid-negative-density": contact_scene("density: 2600", "density: -1", "density"),
+    "soft-with-density": contact_scene("rigid: true", "rigid: false", "density"),
+    "tool-rigid": replaced("  friction: 0.5", "  rigid: true", "rigid"),
+    "names-twice": contact_scene("name: plate", "name: stone", "stone"),
+    "mesh-bar": contact_scene("{box: {size: [0.1, 0.1, 0.002]}}", "{bar: {size: [0.1, 0.1, 0.1], cells: [1, 1, 1]}}",
+                              "mesh"),
+    "mesh-missing": contact_scene("{box: {size: [0.1, 0.1, 0.002]}}", "{surface: {file: nowhere.obj}}", "nowhere.obj"),
+})
+
+
+def stress_option(*arguments):
+    return lambda c: (["stress", c.file("scene.yaml", SCENE), "--out", c.out, *arguments], [arguments[0]])
+
+
+rejected_variants("bad-stress", {
+    "missing": lambda c: (["stress", "nowhere.yaml", "--steps", "10", "--out", c.out], ["nowhere.yaml"]),
+    "bad-scene": lambda c: (["stress", c.file("scene.yaml", SCENE.replace("density:", "densty:", 1)), "--out", c.out],
+                            ["scene.yaml", "densty"]),
+    "steps-zero": stress_option("--steps", "0"),
+    "steps-negative": stress_option("--steps", "-5"),
+    "steps-word": stress_option("--steps", "many"),
+    "steps-fraction": stress_option("--steps", "1.5"),
+    "steps-endless": stress_option("--steps", "99999999999999"),
+    "seed": stress_option("--seed", "x"),
 })
 
 rejected_variants("bad-option", {

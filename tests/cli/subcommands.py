@@ -1,11 +1,13 @@
 """Every subcommand once: exit code, files, keys, columns (design: what others may rely on)."""
 
 import math
+import pathlib
 import re
 
 from harness import CASES, SCENE, case, expect
 
-SUBCOMMANDS = ["run", "one-d", "check", "evaluate", "mesh", "validate", "devices"]
+SUBCOMMANDS = ["run", "one-d", "check", "evaluate", "stress", "mesh", "validate", "devices"]
+SCENES = sorted(p.stem for p in (pathlib.Path(__file__).parents[2] / "scenes").glob("*.yaml") if p.stem != "one-d")
 UNITS = r"_(s|ms|us|m|kg|N|Nm|Pa|J|rad|deg|Hz|m_s|rad_s|N_m|m3|m2|count)$"
 WITHOUT_UNIT = r"(^|_)(q?[wxyz]|contacts.*|iterations|.*iterations|residual|.*residual|active|buttons|flags?|step|tick|.*_rel|scene|method|handle|device|aim|passes|status|missed|.*stale.*)$"
 
@@ -44,6 +46,11 @@ SUMMARY = keys(
     contact=keys("max_active", "max_penetration_m", "max_residual"),
     force=keys("peak_N", "rms_N"),
 )
+
+
+STRESS_SUMMARY = keys("scene", "seed", "step_s", "steps", "deepest_penetration_rel", "nan", "wrong_side", "max_energy_J",
+                      "max_kinetic_J", "max_elastic_J", "restored", "not_converged", "cut",
+                      step_ms=keys("median", "p99", "max"))
 
 
 def check_report(path):
@@ -274,8 +281,61 @@ def validate_case(name):
     CASES[f"validate-{name}"] = run
 
 
-for name in ("alien", "bunny", "block"):
+for name in SCENES:
     validate_case(name)
+
+
+def scene_case(name, duration):
+    """A scene of contact between bodies runs, and its surfaces keep apart."""
+    def run(context):
+        context.succeeds(["run", context.scene(name), "--duration", duration, "--pictures", "1", "--out", context.out])
+        summary = context.summary()
+        require_keys("summary", summary, SUMMARY)
+        expect(summary["visual"]["restored"] == 0, f"{summary['visual']['restored']} steps failed")
+        expect(summary["contact"]["max_penetration_m"] < 1e-4, f"contact: {summary['contact']}")
+        status = context.table("visual.csv")[0].index("status")
+        expect({row[status] for row in context.table("visual.csv")[1]} == {"ok"}, "a step was not ok")
+        check_report(context.out / "report.html")
+        expect((context.out / "picture-1.png").stat().st_size > 1000, "the picture is missing or empty")
+
+    CASES[f"scene-{name}"] = run
+
+
+for name, duration in (("alien-self", "0.5"), ("bunnies", "0.1"), ("palpation", "0.3"), ("plug", "0.5"), ("pile", "0.2")):
+    scene_case(name, duration)
+
+
+def stress_case(name):
+    def run(context):
+        context.succeeds(["stress", context.scene(name), "--steps", "60", "--seed", "3", "--out", context.out])
+        summary = context.summary()
+        require_keys("summary", summary, STRESS_SUMMARY)
+        expect(summary["steps"] == 60, f"{summary['steps']} steps and not 60")
+        expect(summary["nan"] == 0, f"{summary['nan']} steps were not finite")
+        expect(summary["wrong_side"] == 0, f"{summary['wrong_side']} vertices on the wrong side after calm")
+        expect(0 <= summary["deepest_penetration_rel"] < 0.02, f"penetration {summary['deepest_penetration_rel']}")
+        expect(0 < summary["max_energy_J"] < 10, f"energy {summary['max_energy_J']} J")
+        expect({p.name for p in context.out.iterdir()} == {"summary.json"}, "other files were written")
+
+    CASES[f"stress-{name}"] = run
+
+
+for name in ("alien", "plug"):
+    stress_case(name)
+
+
+@case
+def stress_is_the_same_twice(context):
+    """But for its times; another seed is another motion."""
+    def result(seed, out):
+        context.succeeds(["stress", context.file("scene.yaml", SCENE), "--steps", "40", "--seed", seed, "--out", out])
+        summary = context.summary(out)
+        del summary["step_ms"], summary["seed"]
+        return summary
+
+    first = result("5", context.folder / "a")
+    expect(first == result("5", context.folder / "b"), "two runs of one seed differ")
+    expect(first["max_energy_J"] != result("6", context.folder / "c")["max_energy_J"], "the seed changes nothing")
 
 
 @case

@@ -96,6 +96,38 @@ TEST(Shapes, HaveTheirVolume) {
   EXPECT_TRUE(arrowMesh({1, 1, 1}, {1, 1, 1}, 0.1, kRed).triangles.empty());
 }
 
+TEST(Shapes, CutOpenKeepsOneSideAndCutsAtThePlane) {
+  const PictureMesh box = boxMesh(Pose{}, {0.1, 0.2, 0.3}, kRed);
+  const Vec3 point(0.03, 0, 0);
+  const auto area = [](const PictureMesh& mesh) {
+    double sum = 0;
+    for (const auto& [a, b, c] : mesh.triangles) {
+      sum += 0.5 * (mesh.vertices[b] - mesh.vertices[a]).cross(mesh.vertices[c] - mesh.vertices[a]).norm();
+    }
+    return sum;
+  };
+  const PictureMesh cut = cutOpen(box, point, Vec3::UnitX());
+  double lowest = 1;
+  for (const auto& triangle : cut.triangles) {
+    for (const int v : triangle) lowest = std::min(lowest, cut.vertices[v].x());
+  }
+  EXPECT_NEAR(lowest, 0.03, 1e-12);
+  EXPECT_NEAR(area(cut), 0.4 * 0.6 + 0.07 * 2 * (0.4 + 0.6), 1e-12);  // one end and a part of the sides, no lid
+  EXPECT_NEAR(area(cut) + area(cutOpen(box, point, -Vec3::UnitX())), area(box), 1e-12);
+  EXPECT_TRUE(cutOpen(box, {1, 0, 0}, Vec3::UnitX()).triangles.empty());
+}
+
+TEST(Render, InsideIsDarkerWhereAsked) {
+  PictureScene scene = ballOnGround();
+  scene.meshes = {cutOpen(scene.meshes[0], scene.focus, scene.camera.direction)};  // looks into a bowl
+  const auto whole = render(scene, 40, 40), again = render(scene, 40, 40);
+  scene.meshes[0].inside = 0.5F;
+  const auto darker = render(scene, 40, 40);
+  EXPECT_EQ(whole.rgb, again.rgb);
+  const std::size_t red = 3 * (20 * 40 + 20);
+  EXPECT_LT(darker.rgb[red], whole.rgb[red] - 20);
+}
+
 TEST(SmoothMesh, BallIsSmoothAndBoxKeepsItsEdges) {
   const SmoothMesh ball = smoothMesh(capsuleMesh({1, 0, 0}, {1, 0, 0}, 0.5, kRed), {1, 0, 0});
   for (std::size_t i = 0; i < ball.normals.size(); ++i) {

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <Eigen/Geometry>
 #include <string>
 #include <vector>
 
@@ -16,6 +17,17 @@ SceneConfig blockScene() {
   SceneConfig config = readScene(std::string(PALPATE_SOURCE_DIR) + "/scenes/block.yaml");
   config.duration = 0.5;
   return config;
+}
+
+/// Box with the given center and half extents.
+Surface makeBoxSurface(const Vec3& center, const Vec3& half) {
+  Surface box;
+  for (int i = 0; i < 8; ++i) {
+    box.vertices.emplace_back(center + half.cwiseProduct(Vec3((i & 1) * 2 - 1, (i & 2) - 1, (i >> 2) * 2 - 1)));
+  }
+  box.triangles = {{0, 2, 3}, {0, 3, 1}, {4, 5, 7}, {4, 7, 6}, {0, 1, 5}, {0, 5, 4},
+                   {2, 6, 7}, {2, 7, 3}, {0, 4, 6}, {0, 6, 2}, {1, 3, 7}, {1, 7, 5}};
+  return box;
 }
 
 struct Forces {
@@ -64,7 +76,7 @@ TEST(Snapshots, NoneAreNone) {
 TEST(Snapshots, ObstaclesOfEveryKindAreDrawn) {
   const SceneConfig config = blockScene();
   std::vector<std::vector<unsigned char>> drawn;
-  for (int kind = 0; kind < 5; ++kind) {
+  for (int kind = 0; kind < 6; ++kind) {
     BuiltScene scene = buildScene(config);
     const Vec3 beside(0.07, 0, 0.03);
     Obstacle obstacle;
@@ -72,6 +84,7 @@ TEST(Snapshots, ObstaclesOfEveryKindAreDrawn) {
     if (kind == 2) obstacle.shape = SphereShape{beside, 0.02};
     if (kind == 3) obstacle.shape = CapsuleShape{beside, beside + Vec3(0, 0.05, 0), 0.02};
     if (kind == 4) obstacle.shape = PlaneShape{Vec3(0, 0.09, 0), Vec3(0, -1, 0)};
+    if (kind == 5) obstacle.shape = MeshShape{makeBoxSurface(beside, Vec3::Constant(0.02))};
     if (kind > 0) scene.world.obstacles.push_back(obstacle);
     Snapshots snapshots(config, scene.world, 1);
     Forces forces;
@@ -82,6 +95,49 @@ TEST(Snapshots, ObstaclesOfEveryKindAreDrawn) {
     drawn.push_back(snapshots.draw().images.at(0).png);
     for (int other = 0; other < kind; ++other) EXPECT_NE(drawn[kind], drawn[other]) << kind << ' ' << other;
   }
+}
+
+std::vector<unsigned char> pictureOf(const SceneConfig& config, BuiltScene& scene) {
+  Snapshots snapshots(config, scene.world, 1);
+  Forces forces;
+  VisualRecord record;
+  record.time = 0.4;
+  snapshots.watch(sinkInto(forces)).visual(record);
+  return snapshots.draw().images.at(0).png;
+}
+
+TEST(Snapshots, MeshAroundTheToolIsCutOpen) {
+  const SceneConfig config = blockScene();
+  const auto picture = [&](const Vec3& low_to_high) {
+    BuiltScene scene = buildScene(config);
+    Eigen::AlignedBox3d tool;
+    const VecX& x = scene.world.tool().positions();
+    for (Eigen::Index i = 0; i < x.size(); i += 3) tool.extend(Vec3(x.segment<3>(i)));
+    Obstacle tube;
+    tube.shape = MeshShape{makeBoxSurface(tool.center() + low_to_high, 0.6 * tool.sizes())};
+    scene.world.obstacles.push_back(tube);
+    return pictureOf(config, scene);
+  };
+  const auto bare = [&] {
+    BuiltScene scene = buildScene(config);
+    return pictureOf(config, scene);
+  }();
+  // A closed box around the tool would hide it: a picture of gray alone is a small file.
+  const auto around = picture(Vec3::Zero()), beside = picture(Vec3(0.3, 0, 0));
+  EXPECT_NE(around, bare);
+  EXPECT_NE(around, beside);
+}
+
+TEST(Snapshots, RigidBodiesAreDrawnWhereTheyAre) {
+  const SceneConfig config = blockScene();
+  std::vector<std::vector<unsigned char>> drawn;
+  for (const double x : {0.0, 0.2, 0.3}) {
+    BuiltScene scene = buildScene(config);
+    if (x > 0.0) scene.world.add(Body::rigid("stone", makeBoxSurface({x, 0, 0.05}, Vec3::Constant(0.03)), 1000.0));
+    drawn.push_back(pictureOf(config, scene));
+  }
+  EXPECT_NE(drawn[0], drawn[1]);
+  EXPECT_NE(drawn[1], drawn[2]);
 }
 
 }  // namespace

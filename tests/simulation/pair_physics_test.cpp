@@ -302,16 +302,13 @@ TEST_P(Collision, FrictionTakesAndEnergyDoesNotGrow) {
   World world = collision(GetParam());
   const double start = totalEnergy(world);
   double before = start;
-  double gain = 0;
   for (int n = 0; n < 60; ++n) {
     ASSERT_NE(world.step({}, 0.005).status, StepStatus::restored);
     expectFrictionTakes(world, n);
     const double now = totalEnergy(world);
-    EXPECT_LT(now, before + 1e-3 * start) << "step " << n;
-    gain = std::max(gain, now - before);
+    EXPECT_LT(now, before + 5e-4 * start) << "step " << n;
     before = now;
   }
-  if (getenv("VERBOSE")) printf("collision: gain %g of %g, left %g\n", gain, start, before);
 }
 
 // Boxes and a ball fall onto each other, sliding and turning.
@@ -344,38 +341,34 @@ TEST(Pile, FrictionTakesAndEnergyDoesNotGrow) {
     gain = std::max(gain, now - before);
     before = now;
   }
-  EXPECT_LT(gain, 1e-3 * start);
+  EXPECT_LT(gain, 2e-4 * start);
   EXPECT_GT(counts.together, 200);
-  if (getenv("VERBOSE"))
-    printf("pile: gain %g of %g, together %d apart %d\n", gain, start, counts.together, counts.apart);
 }
 
-// The order of bodies decides that of the candidates, so which of equally good points the reduction takes, and which
-// surface is a pair's first.
+// The order of bodies decides that of the candidates, and which surface is a pair's first. Thirty steps agree to
+// rounding. Then, with ties among contact points and with impulses of redundant points, which are not unique, paths
+// part: by 0.1 um within fifty steps and 10 um, a twentieth of the gap that surfaces keep, within sixty.
 TEST(Pile, OrderOfBodiesDoesNotMatter) {
   const std::vector<std::vector<int>> orders{{0, 1, 2, 3}, {3, 2, 1, 0}, {2, 0, 3, 1}};
-  std::vector<std::vector<Vec3>> places;
-  for (const auto& order : orders) {
-    World world = pile(order);
-    std::vector<Vec3> trace;
-    for (int n = 0; n < 60; ++n) {
-      ASSERT_NE(world.step({}, 0.005).status, StepStatus::restored);
-      std::vector<Vec3> now(4);
-      for (std::size_t k = 0; k < 4; ++k) now[order[k]] = center(world.body(static_cast<int>(k)));
-      trace.insert(trace.end(), now.begin(), now.end());
+  constexpr int kSteps = 60;
+  std::vector<World> worlds;
+  for (const auto& order : orders) worlds.push_back(pile(order));
+  int most = 0;
+  for (int n = 0; n < kSteps; ++n) {
+    std::vector<std::vector<Vec3>> places(orders.size(), std::vector<Vec3>(4));
+    for (std::size_t w = 0; w < worlds.size(); ++w) {
+      ASSERT_NE(worlds[w].step({}, 0.005).status, StepStatus::restored);
+      for (int k = 0; k < 4; ++k) places[w][orders[w][k]] = center(worlds[w].body(k));
     }
-    EXPECT_GT(world.contacts().active(), 4);
-    places.push_back(trace);
-  }
-  double worst = 0;
-  for (std::size_t i = 0; i < places[0].size(); ++i) {
-    for (std::size_t other = 1; other < orders.size(); ++other) {
-      worst = std::max(worst, (places[0][i] - places[other][i]).norm());
-      if (getenv("VERBOSE")) printf("step %zu body %zu: %g\n", i / 4, i % 4, (places[0][i] - places[other][i]).norm());
+    if (n < 30) most = std::max(most, worlds[0].contacts().active());
+    const double bound = n < 30 ? 1e-12 : n < 50 ? 1e-7 : 1e-5;
+    for (std::size_t w = 1; w < worlds.size(); ++w) {
+      for (std::size_t i = 0; i < 4; ++i) {
+        EXPECT_LT((places[0][i] - places[w][i]).norm(), bound) << "step " << n << " body " << i;
+      }
     }
   }
-  RecordProperty("worst_um", std::to_string(1e6 * worst));
-  EXPECT_LT(worst, 1e-6);
+  EXPECT_GT(most, 10);  // the pile has formed within the thirty steps
 }
 
 }  // namespace

@@ -111,8 +111,6 @@ TEST(SelfContact, ArmsOfAHookMeetAndAreFelt) {
   EXPECT_GT(without.crossings, 0);  // the check can fail
   EXPECT_GT(with.force, without.force + 1.0);
   EXPECT_GT(with.end_height, without.end_height + 0.003);
-  if (getenv("VERBOSE"))
-    printf("force %g %g height %g %g\n", with.force, without.force, with.end_height, without.end_height);
 }
 
 // --- sheet
@@ -150,6 +148,24 @@ TEST(Sheet, SoftBallStaysOnTop) {
 
 // --- deep starts
 
+// 5 mm at the recovery speed are 10 ms, one step where steps are longer; soft bodies give way first.
+void expectComesApartGently(World& world, double h) {
+  double speed = 0;
+  int apart = -1;
+  for (int n = 0; n < static_cast<int>(0.5 / h); ++n) {
+    ASSERT_NE(world.step({}, h).status, StepStatus::restored);
+    for (int i = 0; i < 2; ++i) speed = std::max(speed, fastest(world.body(i)));
+    const bool in = overlap(world.body(0), world.body(1));
+    if (apart < 0 && !in) apart = n + 1;
+    if (apart >= 0) {
+      EXPECT_FALSE(in) << "h " << h << " step " << n;
+    }
+  }
+  EXPECT_LT(speed, 1.25 * world.contact.recovery_speed - h * world.gravity.z()) << "h " << h;
+  EXPECT_GT(apart, 0);
+  EXPECT_LE(apart * h, 0.02 + 2 * h) << "h " << h;
+}
+
 struct Deep {
   const char* name;
   Kind first, second;
@@ -167,30 +183,7 @@ TEST_P(DeepStart, ComesApartGently) {
     world.add(box(p.first, "lower", size, at({0, 0, 0.0151})));
     world.add(box(p.second, "upper", Vec3(0.03, 0.03, 0.03), {Vec3(0.003, 0.002, 0.0401), expRotation({0, 0, 0.3})}));
     ASSERT_TRUE(overlap(world.body(0), world.body(1)));
-    double fastest_center = 0;
-    double fastest_node = 0;
-    const int steps = static_cast<int>(0.5 / h);
-    int apart = -1;
-    for (int n = 0; n < steps; ++n) {
-      ASSERT_NE(world.step({}, h).status, StepStatus::restored);
-      for (int i = 0; i < 2; ++i) {
-        fastest_center = std::max(fastest_center, centerVelocity(world.body(i)).norm());
-        fastest_node = std::max(fastest_node, fastest(world.body(i)));
-      }
-      const bool in = overlap(world.body(0), world.body(1));
-      if (apart < 0 && !in) apart = n + 1;
-      if (apart >= 0) {
-        EXPECT_FALSE(in) << p.name << " h " << h << " step " << n;
-      }
-    }
-    if (getenv("VERBOSE"))
-      printf("%s h %g: center %g node %g apart after %d\n", p.name, h, fastest_center, fastest_node, apart);
-    const double fall = p.gravity * h;
-    EXPECT_LT(fastest_center, 1.25 * world.contact.recovery_speed + fall) << "h " << h;
-    EXPECT_LT(fastest_node, 1.25 * world.contact.recovery_speed + fall) << "h " << h;
-    EXPECT_GT(apart, 0);
-    // 5 mm at the recovery speed are 10 ms; soft bodies give way first
-    EXPECT_LE(apart * h, 0.1 + 2 * h) << "h " << h;
+    expectComesApartGently(world, h);
   }
 }
 
@@ -201,9 +194,8 @@ INSTANTIATE_TEST_SUITE_P(Pairs, DeepStart,
                                            Deep{"rigid_rigid", Kind::rigid, Kind::rigid, 9.81}),
                          [](const auto& param) { return std::string(param.param.name); });
 
-// A corner hangs over, so the nearest way out differs from place to place, and places pull against each other. Slower,
-// and nodes are thrown about meanwhile; but it ends, and stays bounded.
-TEST(DeepStart, OverhangingCornerStaysBounded) {
+// A corner hangs over, so nearest ways out differ by right angles from place to place: a common one must be taken.
+TEST(DeepStart, OverhangingCornerComesApartGently) {
   for (const double gravity : {0.0, 9.81}) {
     for (const double h : {0.005, 0.02, 0.033}) {
       World world;
@@ -212,22 +204,8 @@ TEST(DeepStart, OverhangingCornerStaysBounded) {
       world.add(box(Kind::soft, "lower", Vec3(0.04, 0.04, 0.03), at({0, 0, 0.0151})));
       world.add(
           box(Kind::soft, "upper", Vec3(0.03, 0.03, 0.03), {Vec3(0.003, 0.002, 0.0401), expRotation({0, 0, 0.3})}));
-      double center_speed = 0;
-      double node_speed = 0;
-      int apart = -1;
-      for (int n = 0; n < static_cast<int>(1.0 / h); ++n) {
-        ASSERT_NE(world.step({}, h).status, StepStatus::restored);
-        for (int i = 0; i < 2; ++i) {
-          center_speed = std::max(center_speed, centerVelocity(world.body(i)).norm());
-          node_speed = std::max(node_speed, fastest(world.body(i)));
-        }
-        if (apart < 0 && !overlap(world.body(0), world.body(1))) apart = n + 1;
-      }
-      if (getenv("VERBOSE"))
-        printf("corner g %g h %g: center %g node %g apart after %g s\n", gravity, h, center_speed, node_speed,
-               apart * h);
-      EXPECT_LT(center_speed, 2.0 * world.contact.recovery_speed) << "h " << h;
-      EXPECT_LT(node_speed, 3.0) << "h " << h;
+      ASSERT_TRUE(overlap(world.body(0), world.body(1)));
+      expectComesApartGently(world, h);
     }
   }
 }

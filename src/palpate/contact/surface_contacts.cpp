@@ -73,6 +73,29 @@ std::array<Vec3, 4> gradients(const std::array<Vec3, 4>& x) {
   return g;
 }
 
+// Nearest ways out differ from point to point, near an edge by right angles, and would hold the surfaces in each other.
+// Where there is a common way, points that leave another one wait: they are examined again in the next step.
+class WayOut {
+ public:
+  explicit WayOut(const std::vector<OverlapPoint>& points) {
+    double depth = 0;
+    for (const OverlapPoint& p : points) {
+      sum_ += p.depth * ofFirst(p);
+      depth += p.depth;
+    }
+    const double agreement = sum_.norm() / std::max(depth, 1e-300);
+    constexpr double kCommon = 0.3, kLeast = 0.5;  // cosines
+    // the mean of the points is at `agreement`, so some are kept
+    if (agreement > kCommon) least_ = std::min(kLeast, (1.0 - 1e-9) * agreement) * sum_.norm();
+  }
+  bool takes(const OverlapPoint& p) const { return ofFirst(p).dot(sum_) >= least_; }
+
+ private:
+  static Vec3 ofFirst(const OverlapPoint& p) { return p.of_first ? p.normal : Vec3(-p.normal); }
+  Vec3 sum_ = Vec3::Zero();
+  double least_ = -std::numeric_limits<double>::infinity();
+};
+
 }  // namespace
 
 void FrictionTable::setBody(int body, double coefficient) {
@@ -415,7 +438,10 @@ void SurfaceContacts::find(const SurfaceContactSettings& settings, const Frictio
       const PairState& state = pair(a, b);
       for (const FeaturePair& p : found_) add(first, second, p, settings, mu, !state.points.empty(), out);
       if (!first_pass) continue;
-      for (const OverlapPoint& p : state.points) addOverlap(a, b, p, settings, mu, out);
+      const WayOut way(state.points);
+      for (const OverlapPoint& p : state.points) {
+        if (way.takes(p)) addOverlap(a, b, p, settings, mu, out);
+      }
     }
   }
 }
