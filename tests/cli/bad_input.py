@@ -144,6 +144,8 @@ rejected_variants("bad-contact", {
     "names-twice": contact_scene("name: plate", "name: stone", "stone"),
     "mesh-bar": contact_scene("{box: {size: [0.1, 0.1, 0.002]}}", "{bar: {size: [0.1, 0.1, 0.1], cells: [1, 1, 1]}}",
                               "mesh"),
+    "mesh-open": lambda c: (c.file("sheet.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nf 1 2 3\nf 2 4 3\n"), contact_scene(
+        "{box: {size: [0.1, 0.1, 0.002]}}", "{surface: {file: sheet.obj}}", "sheet.obj", "closed")(c))[1],
     "mesh-missing": contact_scene("{box: {size: [0.1, 0.1, 0.002]}}", "{surface: {file: nowhere.obj}}", "nowhere.obj"),
 })
 

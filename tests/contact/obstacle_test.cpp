@@ -42,14 +42,14 @@ TEST(Obstacle, TrianglesAreTheSolids) {
     const std::optional<Surface> surface = surfaceOf(solid.obstacle);
     ASSERT_TRUE(surface) << solid.obstacle.name;
     EXPECT_TRUE(inspectTopology(*surface).closed()) << solid.obstacle.name;
-    // the corners lie on the solid, the triangles a thousandth of the radius below it
+    // the corners lie on the solid, the triangles a few thousandths of the radius below it
     for (const Vec3& p : surface->vertices) EXPECT_NEAR(distance(solid.obstacle, p), 0.0, 1e-12) << solid.obstacle.name;
     for (const auto& t : surface->triangles) {
       const double u = uniform(random);
       const double v = uniform(random) * (1 - u);
       const Vec3 p = u * surface->vertices[t[0]] + v * surface->vertices[t[1]] + (1 - u - v) * surface->vertices[t[2]];
       EXPECT_LT(distance(solid.obstacle, p), 1e-12) << solid.obstacle.name;
-      EXPECT_GT(distance(solid.obstacle, p), -1.2e-3 * solid.round - 1e-12) << solid.obstacle.name;
+      EXPECT_GT(distance(solid.obstacle, p), -2.5e-3 * solid.round - 1e-12) << solid.obstacle.name;
     }
     // outward: the volume is positive, and right
     EXPECT_NEAR(measureSurface(*surface).volume, solid.volume, 4e-3 * solid.volume) << solid.obstacle.name;

@@ -116,7 +116,7 @@ INSTANTIATE_TEST_SUITE_P(
         Support{"box", {BoxShape{{Vec3(0, 0, -0.05), Quat::Identity()}, Vec3(0.1, 0.1, 0.05)}, 0.8, ""}},
         Support{"narrow_box", {BoxShape{{Vec3(0, 0, -0.05), Quat::Identity()}, Vec3(0.0251, 0.0151, 0.05)}, 0.8, ""}},
         Support{"sphere", {SphereShape{Vec3(0, 0, -0.5), 0.5}, 0.8, ""}, 1.2e-3 * 0.5},
-        Support{"capsule", {CapsuleShape{Vec3(-0.1, 0, -0.3), Vec3(0.1, 0, -0.3), 0.3}, 0.8, ""}, 1.2e-3 * 0.3}),
+        Support{"capsule", {CapsuleShape{Vec3(-0.1, 0, -0.3), Vec3(0.1, 0, -0.3), 0.3}, 0.8, ""}, 2.5e-3 * 0.3}),
     [](const auto& support) { return std::string(support.param.name); });
 
 World pressedBar(bool reduce) {

@@ -8,7 +8,7 @@ namespace palpate {
 namespace {
 
 constexpr int kSphereLevels = 5;      // 8,192 triangles
-constexpr int kCapsuleSegments = 96;  // around
+constexpr int kCapsuleSegments = 64;  // around
 
 Surface placed(Surface surface, const Pose& pose) {
   for (Vec3& p : surface.vertices) p = pose.apply(p);

@@ -44,7 +44,7 @@ struct Obstacle {
 inline double gap(const PlaneShape& plane, const Vec3& point) { return plane.normal.dot(point - plane.point); }
 
 /// Triangle surface of a solid, in world coordinates; none for a plane, which needs none. Spheres and capsules deviate
-/// from their triangles by 1.2e-3 of the radius at most, inwards.
+/// from their triangles by 2.5e-3 of the radius at most, inwards.
 std::optional<Surface> surfaceOf(const Obstacle& obstacle);
 
 }  // namespace palpate

@@ -5,6 +5,7 @@
 #include <limits>
 
 #include "palpate/contact/feature_distance.h"
+#include "palpate/mesh/surface_measures.h"
 
 namespace palpate {
 namespace {
@@ -33,20 +34,55 @@ Vec3 faceNormal(const CollisionSurface& s, int triangle) {
   return (s.start[t[1]] - s.start[t[0]]).cross(s.start[t[2]] - s.start[t[0]]);
 }
 
-// What moves almost together does not touch: surface in the same tetrahedron, or in two that share a node.
+std::vector<int> sortedUnique(std::vector<int> v) {
+  std::sort(v.begin(), v.end());
+  v.erase(std::unique(v.begin(), v.end()), v.end());
+  return v;
+}
+
+// What moves almost together does not touch: surface in the same tetrahedron, in two that share a node, or in two that
+// share a neighbor where the surface runs on from one to the other (by its boxes in the rest shape).
 SelfExclusion excludeNeighbors(const CollisionSurface& surface, const std::vector<int>& tetrahedron,
                                const TetrahedralMesh& mesh) {
+  constexpr double kRunsOn = 0.25;  // of the mean edge
   std::vector<std::vector<int>> at_node(mesh.nodes.size());
+  double edge = 0;
   for (std::size_t t = 0; t < mesh.tetrahedra.size(); ++t) {
-    for (const int n : mesh.tetrahedra[t]) at_node[n].push_back(static_cast<int>(t));
+    for (int i = 0; i < 4; ++i) {
+      at_node[mesh.tetrahedra[t][i]].push_back(static_cast<int>(t));
+      for (int j = 0; j < i; ++j) {
+        edge += (mesh.nodes[mesh.tetrahedra[t][i]] - mesh.nodes[mesh.tetrahedra[t][j]]).norm() /
+                (6.0 * static_cast<double>(mesh.tetrahedra.size()));
+      }
+    }
+  }
+  std::vector<Bounds> box(mesh.tetrahedra.size());
+  std::vector<char> filled(mesh.tetrahedra.size(), 0);
+  for (const auto& t : surface.triangles()) {
+    const int group = tetrahedron[t[0]];
+    for (const int v : t) {
+      const Vec3& p = surface.rest()[v];
+      box[group].low = filled[group] ? Vec3(box[group].low.cwiseMin(p)) : p;
+      box[group].high = filled[group] ? Vec3(box[group].high.cwiseMax(p)) : p;
+      filled[group] = 1;
+    }
+  }
+  std::vector<std::vector<int>> ring(mesh.tetrahedra.size());
+  for (std::size_t t = 0; t < ring.size(); ++t) {
+    for (const int n : mesh.tetrahedra[t]) ring[t].insert(ring[t].end(), at_node[n].begin(), at_node[n].end());
+    ring[t] = sortedUnique(std::move(ring[t]));
   }
   std::vector<int> offset{0};
   std::vector<int> neighbor, around;
-  for (const auto& t : mesh.tetrahedra) {
-    around.clear();
-    for (const int n : t) around.insert(around.end(), at_node[n].begin(), at_node[n].end());
-    std::sort(around.begin(), around.end());
-    around.erase(std::unique(around.begin(), around.end()), around.end());
+  for (std::size_t t = 0; t < ring.size(); ++t) {
+    around = ring[t];
+    for (const int near : ring[t]) {
+      for (const int far : ring[near]) {
+        const Vec3 apart = (box[t].low - box[far].high).cwiseMax(box[far].low - box[t].high).cwiseMax(0.0);
+        if (filled[t] && filled[far] && apart.norm() < kRunsOn * edge) around.push_back(far);
+      }
+    }
+    around = sortedUnique(std::move(around));
     neighbor.insert(neighbor.end(), around.begin(), around.end());
     offset.push_back(static_cast<int>(neighbor.size()));
   }
