@@ -269,7 +269,8 @@ BuiltScene buildChecked(const SceneConfig& config) {
   world.contact.recovery_speed = config.contact.max_recovery_speed;
   world.contact.max_passes = config.contact.max_passes;
   world.contact.reduce = config.contact.reduction;
-  world.contact.solver = config.contact.solver;
+  world.contact.solver.max_iterations = config.contact.solver.max_iterations;
+  world.contact.solver.tolerance = config.contact.solver.tolerance;
   for (const ObstacleConfig& o : config.obstacles) world.obstacles.push_back(buildObstacle(o));
 
   const auto add = [&](const BodyConfig& b, const Vec6& velocity, bool tool) {

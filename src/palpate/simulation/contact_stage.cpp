@@ -10,6 +10,8 @@ SurfaceContactSettings surfaceSettings(const ContactSettings& settings, double s
   return {settings.thickness, first_pass ? settings.reach : 0.0, settings.recovery_speed, step};
 }
 
+constexpr double kFarOff = 0.1;      // thicknesses that a residual may mean in a step
+constexpr double kDeep = 0.5;        // thicknesses below a plane at which a motion is cut short
 constexpr double kLargestArc = 5.0;  // thicknesses by which a gap is corrected for the handle's turning
 
 }  // namespace
@@ -237,14 +239,16 @@ void ContactStage::touchedNodes(int body, int nodes, std::vector<int>& out) cons
 }
 
 // Depth and crossing of the present end velocities, from the candidates there.
-void ContactStage::judge() {
+void ContactStage::judge(const ContactSettings& settings) {
   set_.penetration = 0;
   set_.crossing = false;
   for (const Contact& c : candidates_) {
+    const double depth = -c.end_gap - c.thickness;
     if (c.crosses()) {
       set_.crossing = true;
     } else {
-      set_.penetration = std::max(set_.penetration, -c.end_gap - c.thickness);
+      set_.penetration = std::max(set_.penetration, depth);
+      set_.crossing |= depth > kDeep * settings.thickness;
     }
   }
 }
@@ -284,13 +288,33 @@ bool ContactStage::solve(const std::vector<Body*>& bodies, const std::vector<int
     solveOnce(bodies, indices, settings);
     iterations += set_.solver.iterations;
     find(bodies, indices, input, false);
-    judge();
-    if (set_.passes >= settings.max_passes || !addViolated()) break;
+    judge(settings);
+    // a solution that is far off says nothing about what else would touch
+    const bool far_off = !set_.solver.converged && set_.solver.residual * h > kFarOff * settings.thickness;
+    if (far_off || set_.passes >= settings.max_passes || !addViolated()) break;
   }
   set_.penetration = std::max(set_.penetration, input.surfaces.overlap());
   set_.solver.iterations = iterations;
   remember(h);
   return true;
+}
+
+// Vertices that would go deep into a plane, as if they met something there. What is deep already may come out.
+void ContactStage::stopAtPlanes(const std::vector<Body*>& bodies, const std::vector<int>& indices,
+                                const ContactInput& input) {
+  const std::size_t begin = candidates_.size();
+  const double deep = -kDeep * input.settings.thickness;
+  for (std::size_t b = 0; b < bodies.size(); ++b) {
+    bodies[b]->contactFinder().find(indices[b], bodies[b]->startPositions(), x_end_[b], input.obstacles, 0.0,
+                                    candidates_);
+  }
+  set_.penetration = 0;
+  for (std::size_t i = begin; i < candidates_.size(); ++i) {
+    Contact& c = candidates_[i];
+    set_.penetration = std::max(set_.penetration, -c.end_gap);
+    if (c.end_gap < deep && c.gap > deep && c.end_gap < c.gap)
+      c.impact_time = std::max(0.9 * (c.gap - deep) / (c.gap - c.end_gap), 0.0);
+  }
 }
 
 // Cuts motions short, of the bodies that would cross, until nothing crosses. The cut path is examined again: a handle
@@ -310,6 +334,7 @@ void ContactStage::limitMotion(const std::vector<Body*>& bodies, const std::vect
     }
     candidates_.clear();
     input.surfaces.find(surface, input.friction, false, candidates_);
+    stopAtPlanes(bodies, indices, input);
     next = share;
     bool crossing = false;
     for (const Contact& c : candidates_) {

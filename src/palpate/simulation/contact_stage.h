@@ -26,7 +26,15 @@ struct ContactSettings {
   bool reduce = true;
   /// Least distance of two chosen contacts, as a fraction of the mesh's mean edge.
   double spacing = 0.4;
-  ContactSolverSettings solver;
+  ContactSolverSettings solver = solverForSteps();
+
+  /// A step must end: micrometers a second of error will do, and a hard problem gets a few tenths of a second.
+  static ContactSolverSettings solverForSteps() {
+    ContactSolverSettings s;
+    s.acceptable = 1e-6;
+    s.max_operations = 4e9;
+    return s;
+  }
 };
 
 /// The contacts of one step and their solution; three rows a contact: normal, tangents.
@@ -95,7 +103,8 @@ class ContactStage {
   void capRecovery(double h, double speed);
   void chooseContacts(const Bodies& bodies, const ContactSettings& settings);
   bool addViolated();
-  void judge();
+  void judge(const ContactSettings& settings);
+  void stopAtPlanes(const Bodies& bodies, const std::vector<int>& indices, const ContactInput& input);
   void remember(double h);
 
   ContactSet set_;

@@ -129,6 +129,7 @@ StepReport World::stepBodies(const std::vector<int>& moving, const StepInput& in
   report.times.contact += watch.lap();
   if (good && advance) {
     stage_.limitMotion(moving_, moving_indices_, contacts, share_);
+    report.penetration = stage_.result().penetration;
     report.times.contact += watch.lap();
     for (std::size_t b = 0; b < moving_.size(); ++b) {
       report.motion_share = std::min(report.motion_share, share_[b]);

@@ -1125,6 +1125,7 @@ ContactSolverReport ContactSolver::solvePart(const ContactProblem& problem, cons
                                              std::vector<ContactStatus>& status) {
   const double goal = settings.tolerance * scale;
   const double tolerance = 0.3 * goal;  // room for settling the states
+  const double acceptable = std::max(tolerance, 0.3 * settings.acceptable * scale);
   prepare(problem, mean_scale);
   const bool warm = !lambda.isZero(0.0);
   lambda_ = lambda;
@@ -1142,21 +1143,21 @@ ContactSolverReport ContactSolver::solvePart(const ContactProblem& problem, cons
   const double m = static_cast<double>(rho_.size());
   Work work;
   work.max_iterations = settings.max_iterations;
-  work.max_operations = settings.max_work * ((18.0 * m + 2000.0) * m + 2e5) * m;
+  work.max_operations = std::min(settings.max_work * ((18.0 * m + 2000.0) * m + 2e5) * m, settings.max_operations);
   work.rows = 3.0 * m;
   work.product = 90.0 * m * m;
   best_.residual = infinity;
   // a state once settled is good to the goal itself, so that a solution given back is returned as it is
   if (keepBest(problem, best_) > goal) {
     if (hinted) newtonPhase(problem, tolerance, best_, 20, work);
-    if (!alternate(problem, tolerance, best_, 2, work)) {
+    if (!alternate(problem, tolerance, best_, 2, work) && best_.residual > acceptable) {
       // a few proximal rounds are cheaper than the interior-point method, many are not
       work.max_iterations = std::min(settings.max_iterations, work.iterations + first_proximal);
       proximal(problem, tolerance, best_, work);
       work.max_iterations = settings.max_iterations;
     }
-    if (best_.residual > tolerance) interior(problem, tolerance, best_, work);
-    if (best_.residual > tolerance) proximal(problem, tolerance, best_, work);
+    if (best_.residual > acceptable) interior(problem, tolerance, best_, work);
+    if (best_.residual > acceptable) proximal(problem, tolerance, best_, work);
     lambda_ = best_.lambda;
     status_ = best_.status;
   }
@@ -1166,7 +1167,7 @@ ContactSolverReport ContactSolver::solvePart(const ContactProblem& problem, cons
   updateVelocity(problem, lambda_, w_);
   if (!(residual(problem) <= goal)) makePassive(problem, goal);
   report.residual = residual(problem);
-  report.converged = report.residual <= goal;
+  report.converged = report.residual <= std::max(goal, settings.acceptable * scale);
   lambda = lambda_;
   status = status_;
   return report;

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <limits>
 #include <vector>
 
 #include "palpate/math/types.h"
@@ -43,7 +44,12 @@ struct ContactSolverSettings {
   /// Bound on the work of a solve, counted in factorizations: 18 m^3 + 2000 m^2 + 2e5 m operations each, m contacts.
   /// Counted, not clocked, so the result stays deterministic. What a hard problem may take; most need far less.
   double max_work = 30.0;
-  double tolerance = 1e-10;  ///< on the residual, relative to the largest velocity in the problem
+  double max_operations =
+      std::numeric_limits<double>::infinity();  ///< the same without regard to m; about 1e10 a second
+  double tolerance = 1e-10;                     ///< on the residual, relative to the largest velocity in the problem
+  /// A residual that will do where the tolerance is not reached by sweeps and Newton steps: the dearer methods are then
+  /// left alone, and the solve counts as converged. 0: none but the tolerance.
+  double acceptable = 0.0;
 };
 
 struct ContactSolverReport {
