@@ -162,7 +162,7 @@ void stepAgainstTriangles(benchmark::State& state) {
     found.clear();
     const auto begin = std::chrono::steady_clock::now();
     for (int b = 0; b < 2; ++b) apart.setEnd(b, world.body(b).positions());
-    apart.find(settings, friction, true, found);
+    apart.find(settings, friction, found);
     const std::chrono::duration<double, std::milli> elapsed = std::chrono::steady_clock::now() - begin;
     medians.add("find_ms", elapsed.count());
     medians.add("candidates", static_cast<double>(found.size()));

@@ -150,12 +150,13 @@ TEST(SurfaceContactsAllocation, NoneInSteadyState) {
   const auto step = [&](int i) {
     for (int b = 0; b < 3; ++b) contacts.setStart(b, start[static_cast<size_t>(i)][static_cast<size_t>(b)]);
     contacts.examineOverlaps();
-    for (const bool first_pass : {true, false}) {
-      for (int b = 0; b < 3; ++b) contacts.setEnd(b, end[static_cast<size_t>(i)][static_cast<size_t>(b)]);
-      found.clear();
-      contacts.find(settings, friction, first_pass, found);
-      for (const Contact& c : found) ++(c.first.body == c.second.body ? within : between);
-    }
+    for (int b = 0; b < 3; ++b) contacts.setEnd(b, end[static_cast<size_t>(i)][static_cast<size_t>(b)]);
+    found.clear();
+    contacts.findOverlapping(settings, friction, found);
+    contacts.find(settings, friction, found);
+    for (const Contact& c : found) ++(c.first.body == c.second.body ? within : between);
+    const auto last = found.size();
+    for (size_t k = 0; k < last; ++k) contacts.follow(Contact(found[k]), settings, friction, found);
   };
   for (int i = 0; i < kSteps; ++i) step(i);
   EXPECT_EQ(contacts.overlap(), 0.0);
@@ -165,8 +166,8 @@ TEST(SurfaceContactsAllocation, NoneInSteadyState) {
   for (int i = 0; i < kSteps; ++i) step(i);
   counting = false;
   EXPECT_EQ(allocations, 0);
-  EXPECT_GT(between, 100u);
-  EXPECT_GT(within, 100u);
+  EXPECT_GT(between, 50u);
+  EXPECT_GT(within, 50u);
 }
 
 TEST(ContactFinderAllocation, NoneInSteadyState) {

@@ -449,10 +449,24 @@ void SurfaceContacts::keepDependable() {
   });
 }
 
-void SurfaceContacts::find(const SurfaceContactSettings& settings, const FrictionTable& friction, bool first_pass,
+void SurfaceContacts::findOverlapping(const SurfaceContactSettings& settings, const FrictionTable& friction,
+                                      std::vector<Contact>& out) {
+  for (std::size_t b = 1; b < items_.size(); ++b) {
+    for (std::size_t a = 0; a < b; ++a) {
+      const PairState& state = pair(a, b);
+      if (state.points.empty()) continue;
+      const double mu = friction(id(items_[a]), id(items_[b]));
+      const WayOut way(state.points);
+      for (const OverlapPoint& p : state.points) {
+        if (way.takes(p)) addOverlap(a, b, p, settings, mu, out);
+      }
+    }
+  }
+}
+
+void SurfaceContacts::find(const SurfaceContactSettings& settings, const FrictionTable& friction,
                            std::vector<Contact>& out) {
-  const double reach =
-      first_pass ? settings.thickness + settings.reach : (1.0 - kSlackShare) * settings.thickness + settings.reach;
+  const double reach = settings.thickness + settings.reach;
   for (Item& item : items_) refit(item);
   for (std::size_t b = 0; b < items_.size(); ++b) {
     if (items_[b].self) {
@@ -473,11 +487,6 @@ void SurfaceContacts::find(const SurfaceContactSettings& settings, const Frictio
       const double mu = friction(id(items_[first]), id(items_[second]));
       const PairState& state = pair(a, b);
       for (const FeaturePair& p : found_) add(first, second, p, settings, mu, !state.points.empty(), out);
-      if (!first_pass) continue;
-      const WayOut way(state.points);
-      for (const OverlapPoint& p : state.points) {
-        if (way.takes(p)) addOverlap(a, b, p, settings, mu, out);
-      }
     }
   }
 }

@@ -60,10 +60,11 @@ class SurfaceContacts {
   /// Every pair is examined anew in the next steps (after a state was set from outside).
   void distrust();
 
-  /// Candidates of the present start and end positions; appends.
-  /// @param first_pass  also pairs that start inside each other
-  void find(const SurfaceContactSettings& settings, const FrictionTable& friction, bool first_pass,
-            std::vector<Contact>& out);
+  /// Candidates along the motion from the present start to the present end; appends.
+  void find(const SurfaceContactSettings& settings, const FrictionTable& friction, std::vector<Contact>& out);
+  /// Points of surfaces that start inside each other, as examineOverlaps() found them; appends.
+  void findOverlapping(const SurfaceContactSettings& settings, const FrictionTable& friction,
+                       std::vector<Contact>& out);
   /// The same features as in an earlier step, where they now are, if they are within reach; appends. Which of the pairs
   /// around a place is nearest changes from step to step; keeping those that carried force keeps the force steady.
   void follow(const Contact& earlier, const SurfaceContactSettings& settings, const FrictionTable& friction,

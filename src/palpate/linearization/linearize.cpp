@@ -259,7 +259,7 @@ namespace {
 Vec6 withHandleContact(const World& world, Vec6 wrench) {
   const ContactSet& set = world.contacts();
   const int tool = world.toolRows();
-  if (tool < 0 || set.contacts.empty()) return wrench;
+  if (tool < 0 || set.contacts.empty() || set.rows[tool].contacts.empty()) return wrench;
   const Body::ContactRows& rows = set.rows[tool];
   return wrench + rows.handle * rows.gather(set.impulse) / world.tool().input().step;
 }
@@ -274,7 +274,7 @@ HandleModel linearize(World& world, const LinearizationSettings& settings, doubl
   const double h = tool.input().step;
   const double stiffness_time = h + tool.elasticity().material().damping_beta;
   const bool full = settings.derivative == Derivative::full;
-  const bool touching = set.active() > 0 && world.toolRows() >= 0;
+  const bool touching = set.active() > 0 && world.toolRows() >= 0 && !set.rows[world.toolRows()].contacts.empty();
   const Body::ContactRows* own = touching ? &set.rows[world.toolRows()] : nullptr;
   const CouplingForces forces = couplingForces(tool);
   const HandleInputs inputs = handleInputs(tool, settings.derivative);

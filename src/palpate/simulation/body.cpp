@@ -362,6 +362,8 @@ void Body::addDelassus(const std::vector<Contact>& contacts, int self, ContactRo
   rows.trailing.setZero(static_cast<Eigen::Index>(3 * contact_nodes_.size()), count);
   rows.handle.setZero(6, count);
   if (framed()) rows.z.setZero(6, count);
+  rows.half = rows.trailing;
+  if (count == 0) return;
   for (std::size_t own = 0; own < rows.contacts.size(); ++own) {
     const Contact& c = contacts[rows.contacts[own]];
     const auto column = static_cast<Eigen::Index>(3 * own);

@@ -6,8 +6,8 @@
 namespace palpate {
 namespace {
 
-SurfaceContactSettings surfaceSettings(const ContactSettings& settings, double step, bool first_pass) {
-  return {settings.thickness, first_pass ? settings.reach : 0.0, settings.recovery_speed, step};
+SurfaceContactSettings surfaceSettings(const ContactSettings& settings, double step) {
+  return {settings.thickness, settings.reach, settings.recovery_speed, step};
 }
 
 constexpr double kFarOff = 0.1;      // thicknesses that a residual may mean in a step
@@ -23,29 +23,46 @@ int ContactSet::count(ContactState state) const {
       std::count_if(status.begin(), status.end(), [&](const ContactStatus& s) { return s.state == state; }));
 }
 
-// Candidates at the present end velocities: planes by vertices at the end, surfaces along the whole motion.
-void ContactStage::find(const std::vector<Body*>& bodies, const std::vector<int>& indices, const ContactInput& input,
-                        bool first_pass) {
+// Vertices near planes at the present end velocities; leaves the ends to the surfaces as well.
+void ContactStage::findOnPlanes(const std::vector<Body*>& bodies, const std::vector<int>& indices,
+                                const ContactInput& input, double reach) {
   candidates_.clear();
   x_end_.resize(bodies.size());
-  const ContactSettings& settings = input.settings;
   for (std::size_t b = 0; b < bodies.size(); ++b) {
     bodies[b]->endPositions(x_end_[b]);
-    bodies[b]->contactFinder().find(indices[b], bodies[b]->startPositions(), x_end_[b], input.obstacles,
-                                    first_pass ? settings.reach : 0.0, candidates_);
+    bodies[b]->contactFinder().find(indices[b], bodies[b]->startPositions(), x_end_[b], input.obstacles, reach,
+                                    candidates_);
+    if (input.surfaces.active()) input.surfaces.setEnd(indices[b], x_end_[b]);
   }
   for (Contact& c : candidates_) {
-    c.slack = settings.penetration_tolerance;
+    c.slack = input.settings.penetration_tolerance;
     c.friction = input.friction(c.first.body, FrictionTable::obstacle(c.partner));
   }
-  if (!input.surfaces.active()) {
-    correctForTurning(bodies, indices, kLargestArc * settings.thickness);
-    return;
+}
+
+// What the first pass starts from, without a search among the surfaces: what was near at the end of the step before,
+// where it now is. The search follows in any case, along the motion that this leads to.
+void ContactStage::propose(const std::vector<Body*>& bodies, const std::vector<int>& indices,
+                           const ContactInput& input) {
+  findOnPlanes(bodies, indices, input, input.settings.reach);
+  if (input.surfaces.active()) {
+    const SurfaceContactSettings surface = surfaceSettings(input.settings, bodies.front()->input().step);
+    input.surfaces.findOverlapping(surface, input.friction, candidates_);
+    for (const Contact& c : near_) input.surfaces.follow(c, surface, input.friction, candidates_);
   }
-  for (std::size_t b = 0; b < bodies.size(); ++b) input.surfaces.setEnd(indices[b], x_end_[b]);
-  input.surfaces.find(surfaceSettings(settings, bodies.front()->input().step, first_pass), input.friction, first_pass,
-                      candidates_);
-  correctForTurning(bodies, indices, kLargestArc * settings.thickness);
+  followEarlier(bodies, indices, input);
+  correctForTurning(bodies, indices, kLargestArc * input.settings.thickness);
+  set_.candidates = static_cast<int>(candidates_.size());
+}
+
+// Everything along the motion to the present end velocities.
+void ContactStage::search(const std::vector<Body*>& bodies, const std::vector<int>& indices,
+                          const ContactInput& input) {
+  findOnPlanes(bodies, indices, input, 0.0);
+  if (input.surfaces.active()) {
+    input.surfaces.find(surfaceSettings(input.settings, bodies.front()->input().step), input.friction, candidates_);
+  }
+  correctForTurning(bodies, indices, kLargestArc * input.settings.thickness);
 }
 
 // The handle's nodes go round on arcs, their velocity rows straight on: what an arc ends beside the straight line is
@@ -162,19 +179,15 @@ void ContactStage::predict(const std::vector<Body*>& bodies, const std::vector<i
   for (std::size_t b = 0; b < bodies.size(); ++b) bodies[b]->predict(earlier_, indices[b], earlier_impulse_);
 }
 
-// What carried force in the step before is a candidate wherever the prediction puts it.
+// What carried force on a plane in the step before is a candidate wherever the prediction puts it.
 void ContactStage::followEarlier(const std::vector<Body*>& bodies, const std::vector<int>& indices,
                                  const ContactInput& input) {
   found_.clear();
   for (const Contact& c : candidates_) found_.push_back(c.key);
   std::sort(found_.begin(), found_.end());
-  const SurfaceContactSettings surface = surfaceSettings(input.settings, bodies.front()->input().step, true);
   for (const Contact& c : earlier_) {
+    if (c.partner >= static_cast<int>(input.obstacles.size())) continue;
     if (std::binary_search(found_.begin(), found_.end(), c.key)) continue;
-    if (c.partner >= static_cast<int>(input.obstacles.size())) {
-      input.surfaces.follow(c, surface, input.friction, candidates_);
-      continue;
-    }
     const auto at = std::find(indices.begin(), indices.end(), c.first.body);
     if (at == indices.end()) continue;
     const auto b = static_cast<std::size_t>(at - indices.begin());
@@ -208,6 +221,23 @@ void ContactStage::remember(double h) {
   }
   std::stable_sort(memory_.begin(), memory_.end(), [](const Memory& a, const Memory& b) { return a.track < b.track; });
   for (const Memory& m : memory_) kept_.push_back(m.track);
+}
+
+// What the next step starts from: what is near at the end, and what was a contact.
+void ContactStage::rememberNear(const ContactInput& input) {
+  near_.clear();
+  found_.clear();
+  const auto keep = [&](const Contact& c) {
+    if (c.features.first < 0) return;
+    const auto at = std::lower_bound(found_.begin(), found_.end(), c.key);
+    if (at != found_.end() && *at == c.key) return;
+    found_.insert(at, c.key);
+    near_.push_back(c);
+  };
+  for (const Contact& c : set_.contacts) keep(c);
+  for (const Contact& c : candidates_) {
+    if (!c.crosses() && c.end_gap < input.settings.reach) keep(c);
+  }
 }
 
 void ContactStage::chooseContacts(const std::vector<Body*>& bodies, const ContactSettings& settings) {
@@ -267,35 +297,34 @@ bool ContactStage::solve(const std::vector<Body*>& bodies, const std::vector<int
   if (bodies.empty()) return true;
   const double h = bodies.front()->input().step;
   predict(bodies, indices);
-  find(bodies, indices, input, true);
-  followEarlier(bodies, indices, input);
-  set_.candidates = static_cast<int>(candidates_.size());
+  propose(bodies, indices, input);
   chooseContacts(bodies, settings);
-  if (set_.contacts.empty() && !earlier_.empty()) {  // what was touched is out of reach: its impulses are, too
+  if (set_.contacts.empty()) {  // what was touched is out of reach: its impulses are, too
     for (Body* b : bodies) b->applyImpulse({}, VecX());
-    find(bodies, indices, input, true);
-    set_.candidates = static_cast<int>(candidates_.size());
-    chooseContacts(bodies, settings);
   }
   int iterations = 0;
-  while (!set_.contacts.empty()) {
-    ++set_.passes;
-    capRecovery(h, settings.recovery_speed);
-    if (!prepareNodes(bodies, indices)) {
-      set_ = ContactSet{};
-      return false;
+  for (;;) {
+    if (!set_.contacts.empty()) {
+      ++set_.passes;
+      capRecovery(h, settings.recovery_speed);
+      if (!prepareNodes(bodies, indices)) {
+        set_ = ContactSet{};
+        return false;
+      }
+      solveOnce(bodies, indices, settings);
+      iterations += set_.solver.iterations;
     }
-    solveOnce(bodies, indices, settings);
-    iterations += set_.solver.iterations;
-    find(bodies, indices, input, false);
+    search(bodies, indices, input);
     judge(settings);
     // a solution that is far off says nothing about what else would touch
     const bool far_off = !set_.solver.converged && set_.solver.residual * h > kFarOff * settings.thickness;
     if (far_off || set_.passes >= settings.max_passes || !addViolated()) break;
   }
+  set_.candidates = std::max(set_.candidates, static_cast<int>(candidates_.size()));
   set_.penetration = std::max(set_.penetration, input.surfaces.overlap());
   set_.solver.iterations = iterations;
   remember(h);
+  rememberNear(input);
   return true;
 }
 
@@ -325,7 +354,7 @@ void ContactStage::limitMotion(const std::vector<Body*>& bodies, const std::vect
   constexpr int kPatient = 6;  // rounds after which a motion is cut by more than the impact asks
   share.assign(bodies.size(), 1.0);
   if (!set_.crossing) return;
-  const SurfaceContactSettings surface = surfaceSettings(input.settings, bodies.front()->input().step, false);
+  const SurfaceContactSettings surface = surfaceSettings(input.settings, bodies.front()->input().step);
   std::vector<double> next;
   for (int round = 0; round <= kRounds; ++round) {
     for (std::size_t b = 0; b < bodies.size(); ++b) {
@@ -333,7 +362,7 @@ void ContactStage::limitMotion(const std::vector<Body*>& bodies, const std::vect
       input.surfaces.setEnd(indices[b], x_end_[b]);
     }
     candidates_.clear();
-    input.surfaces.find(surface, input.friction, false, candidates_);
+    input.surfaces.find(surface, input.friction, candidates_);
     stopAtPlanes(bodies, indices, input);
     next = share;
     bool crossing = false;

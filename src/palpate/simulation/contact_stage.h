@@ -84,6 +84,7 @@ class ContactStage {
     memory_.clear();
     kept_.clear();
     earlier_.clear();
+    near_.clear();
     touched_.clear();
   }
 
@@ -94,7 +95,9 @@ class ContactStage {
     ContactStatus status;
   };
   using Bodies = std::vector<Body*>;
-  void find(const Bodies& bodies, const std::vector<int>& indices, const ContactInput& input, bool first_pass);
+  void findOnPlanes(const Bodies& bodies, const std::vector<int>& indices, const ContactInput& input, double reach);
+  void propose(const Bodies& bodies, const std::vector<int>& indices, const ContactInput& input);
+  void search(const Bodies& bodies, const std::vector<int>& indices, const ContactInput& input);
   void correctForTurning(const Bodies& bodies, const std::vector<int>& indices, double bound);
   bool prepareNodes(const Bodies& bodies, const std::vector<int>& indices);
   void solveOnce(const Bodies& bodies, const std::vector<int>& indices, const ContactSettings& settings);
@@ -106,6 +109,7 @@ class ContactStage {
   void judge(const ContactSettings& settings);
   void stopAtPlanes(const Bodies& bodies, const std::vector<int>& indices, const ContactInput& input);
   void remember(double h);
+  void rememberNear(const ContactInput& input);
 
   ContactSet set_;
   ContactSolver solver_;
@@ -114,6 +118,7 @@ class ContactStage {
   std::vector<Memory> memory_;  // sorted by track
   std::vector<std::uint64_t> kept_, found_;
   std::vector<Contact> earlier_;              // those that carried force in the step before
+  std::vector<Contact> near_;                 // between surfaces, at the end of the step before
   VecX earlier_force_, earlier_impulse_;      // theirs, in their frames [N], [N s]
   std::vector<std::pair<int, int>> touched_;  // body, node: sorted, of the candidates
   std::vector<VecX> x_end_;
