@@ -151,7 +151,6 @@ void stepAgainstTriangles(benchmark::State& state) {
   SurfaceContactSettings settings;
   settings.thickness = world.contact.thickness;
   settings.reach = world.contact.reach;
-  settings.step = kStep;
   std::vector<Contact> found;
   Medians medians;
   for (auto _ : state) {

@@ -187,6 +187,20 @@ TEST_P(DeepStart, ComesApartGently) {
   }
 }
 
+// Bodies that were apart are not looked at again, unless a state is set from outside.
+TEST(DeepState, SetFromOutsideComesApartToo) {
+  World world;
+  world.obstacles = {ground(0.5)};
+  world.add(box(Kind::soft, "lower", Vec3(0.06, 0.06, 0.03), at({0, 0, 0.0151})));
+  world.add(box(Kind::soft, "upper", Vec3(0.03, 0.03, 0.03), {Vec3(0.003, 0.002, 0.06), expRotation({0, 0, 0.3})}));
+  ASSERT_EQ(world.step({}, 0.005).status, StepStatus::ok);
+  Body::State state = world.body(1).state();
+  for (Eigen::Index i = 2; i < state.x.size(); i += 3) state.x[i] -= 0.02;
+  world.body(1).restore(state);
+  ASSERT_TRUE(overlap(world.body(0), world.body(1)));
+  expectComesApartGently(world, 0.02);
+}
+
 INSTANTIATE_TEST_SUITE_P(Pairs, DeepStart,
                          ::testing::Values(Deep{"soft_soft", Kind::soft, Kind::soft, 9.81},
                                            Deep{"soft_soft_weightless", Kind::soft, Kind::soft, 0},

@@ -208,12 +208,6 @@ bool SurfaceContacts::active() const {
   return moving > 0 && (items_.size() > 1 || items_.front().self);
 }
 
-std::size_t SurfaceContacts::triangles() const {
-  std::size_t sum = 0;
-  for (const Item& i : items_) sum += i.surface.triangles().size();
-  return sum;
-}
-
 void SurfaceContacts::place(const Item& item, const VecX& x, std::vector<Vec3>& out) {
   for (std::size_t v = 0; v < item.nodes.size(); ++v) {
     const auto& node = item.nodes[v];

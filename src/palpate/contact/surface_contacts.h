@@ -34,10 +34,8 @@ class FrictionTable {
 };
 
 struct SurfaceContactSettings {
-  double thickness = 2e-4;      ///< gap that surfaces keep [m]
-  double reach = 2e-4;          ///< pairs nearer than thickness + reach, at the start or the end, are candidates [m]
-  double recovery_speed = 0.5;  ///< at which surfaces that start in each other are pushed apart [m/s]
-  double step = 0.033;          ///< h [s]
+  double thickness = 2e-4;  ///< gap that surfaces keep [m]
+  double reach = 2e-4;      ///< pairs nearer than thickness + reach, at the start or the end, are candidates [m]
 };
 
 /// Contact between triangle surfaces: of bodies, soft and rigid, with each other, with themselves, with fixed ones.
@@ -71,7 +69,6 @@ class SurfaceContacts {
               std::vector<Contact>& out);
   /// Deepest overlap at the start [m], 0: none.
   double overlap() const { return overlap_; }
-  std::size_t triangles() const;
 
  private:
   struct Item {

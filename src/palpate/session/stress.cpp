@@ -81,7 +81,13 @@ std::vector<Vec3> surfacePositions(const Body& body) {
   return out;
 }
 
-/// Surfaces of a world for the examination, prepared once.
+/// Depth of the deepest surface point of any body in a plane or in another solid, and how many vertices are inside one.
+struct Intrusion {
+  double depth = 0;  // [m]
+  int vertices = 0;
+};
+
+/// Examines a world's surfaces apart from the step's own contacts.
 class Examiner {
  public:
   explicit Examiner(const World& world) {
@@ -142,8 +148,6 @@ double percentile(std::vector<double>& values, double share) {
 }
 
 }  // namespace
-
-Intrusion intrusion(const World& world) { return Examiner(world).examine(world, 0.0); }
 
 StressOutcome runStress(BuiltScene& scene, const StressSettings& settings,
                         const std::function<void(double)>& progress) {

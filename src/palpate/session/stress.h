@@ -36,14 +36,7 @@ struct StressOutcome {
   double median_ms = 0, p99_ms = 0, max_ms = 0;  ///< of a step
 };
 
-/// Depth of the deepest surface point of any body in a plane or in another solid, and how many vertices are inside one;
-/// examined apart from the step's own contacts.
-struct Intrusion {
-  double depth = 0;  ///< [m]
-  int vertices = 0;
-};
-Intrusion intrusion(const World& world);
-
+/// Penetration is examined apart from the step's own contacts, from the surfaces alone.
 StressOutcome runStress(BuiltScene& scene, const StressSettings& settings,
                         const std::function<void(double)>& progress = {});
 

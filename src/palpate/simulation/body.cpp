@@ -140,6 +140,7 @@ Body::State Body::state() const {
 }
 
 void Body::restore(const State& state) {
+  ++restorations_;
   x_ = state.x;
   v_ = state.v;
   if (framed()) {

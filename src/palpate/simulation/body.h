@@ -85,6 +85,8 @@ class Body {
   };
   State state() const;
   void restore(const State& state);
+  /// How often restore() has set the state: what is known of it from the step before holds no longer.
+  int restorations() const { return restorations_; }
   const VecX& positions() const { return x_; }
   const VecX& velocities() const { return v_; }
   const Handle& handle() const { return *handle_; }
@@ -175,6 +177,7 @@ class Body {
   ContactFinder finder_;
   std::optional<Handle> handle_;
   bool linked_ = false;
+  int restorations_ = 0;
   double friction_ = 0;
   std::vector<int> row_, free_, attached_, boundary_;
 

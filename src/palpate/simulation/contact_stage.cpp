@@ -6,9 +6,7 @@
 namespace palpate {
 namespace {
 
-SurfaceContactSettings surfaceSettings(const ContactSettings& settings, double step) {
-  return {settings.thickness, settings.reach, settings.recovery_speed, step};
-}
+SurfaceContactSettings surfaceSettings(const ContactSettings& settings) { return {settings.thickness, settings.reach}; }
 
 constexpr double kFarOff = 0.1;      // thicknesses that a residual may mean in a step
 constexpr double kDeep = 0.5;        // thicknesses below a plane at which a motion is cut short
@@ -46,7 +44,7 @@ void ContactStage::propose(const std::vector<Body*>& bodies, const std::vector<i
                            const ContactInput& input) {
   findOnPlanes(bodies, indices, input, input.settings.reach);
   if (input.surfaces.active()) {
-    const SurfaceContactSettings surface = surfaceSettings(input.settings, bodies.front()->input().step);
+    const SurfaceContactSettings surface = surfaceSettings(input.settings);
     input.surfaces.findOverlapping(surface, input.friction, candidates_);
     for (const Contact& c : near_) input.surfaces.follow(c, surface, input.friction, candidates_);
   }
@@ -60,7 +58,7 @@ void ContactStage::search(const std::vector<Body*>& bodies, const std::vector<in
                           const ContactInput& input) {
   findOnPlanes(bodies, indices, input, 0.0);
   if (input.surfaces.active()) {
-    input.surfaces.find(surfaceSettings(input.settings, bodies.front()->input().step), input.friction, candidates_);
+    input.surfaces.find(surfaceSettings(input.settings), input.friction, candidates_);
   }
   correctForTurning(bodies, indices, kLargestArc * input.settings.thickness);
 }
@@ -354,7 +352,7 @@ void ContactStage::limitMotion(const std::vector<Body*>& bodies, const std::vect
   constexpr int kPatient = 6;  // rounds after which a motion is cut by more than the impact asks
   share.assign(bodies.size(), 1.0);
   if (!set_.crossing) return;
-  const SurfaceContactSettings surface = surfaceSettings(input.settings, bodies.front()->input().step);
+  const SurfaceContactSettings surface = surfaceSettings(input.settings);
   std::vector<double> next;
   for (int round = 0; round <= kRounds; ++round) {
     for (std::size_t b = 0; b < bodies.size(); ++b) {

@@ -118,6 +118,10 @@ StepReport World::stepBodies(const std::vector<int>& moving, const StepInput& in
     }
   }
   Stopwatch watch;
+  int restorations = 0;
+  for (const auto& b : bodies_) restorations += b->restorations();
+  if (restorations != restorations_) surfaces_.distrust();
+  restorations_ = restorations;
   if (surfaces_.active()) {
     for (int i = 0; i < bodies(); ++i) surfaces_.setStart(i, bodies_[i]->positions());
     surfaces_.examineOverlaps();

@@ -99,6 +99,7 @@ class World {
   SurfaceContacts surfaces_;
   FrictionTable friction_;
   bool prepared_ = false;
+  int restorations_ = 0;  // of all bodies, at the last step
   int tool_ = -1;
   std::vector<Body*> moving_;
   std::vector<int> moving_indices_, nearby_, all_;
