@@ -28,11 +28,11 @@ struct ContactSettings {
   double spacing = 0.4;
   ContactSolverSettings solver = solverForSteps();
 
-  /// A step must end: micrometers a second of error will do, and a hard problem gets a few tenths of a second.
+  /// A step must end: micrometers a second of error will do, and a hard problem gets about a second.
   static ContactSolverSettings solverForSteps() {
     ContactSolverSettings s;
     s.acceptable = 1e-6;
-    s.max_operations = 4e9;
+    s.max_operations = 1e10;
     return s;
   }
 };
