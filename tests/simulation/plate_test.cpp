@@ -3,6 +3,7 @@
 
 #include <random>
 
+#include "palpate/mesh/embedding_map.h"
 #include "scenes.h"
 
 namespace palpate {
@@ -12,21 +13,10 @@ constexpr double kThickness = 0.001;  // of the plate [m]
 
 Obstacle plate() { return {BoxShape{Pose{}, Vec3(1.0, 1.0, 0.5 * kThickness)}, 0.3, "plate"}; }
 
-std::vector<Vec3> surface(const Body& body) {
-  std::vector<Vec3> out;
-  for (const EmbeddedPoint& e : body.mesh().embedding) {
-    Vec3 p = Vec3::Zero();
-    for (int k = 0; k < 4; ++k) {
-      p += e.weights[k] * body.positions().segment<3>(3 * body.mesh().mesh.tetrahedra[e.tetrahedron][k]);
-    }
-    out.push_back(p);
-  }
-  return out;
-}
-
 double lowest(const Body& body) {
-  double z = 1e300;
-  for (const Vec3& p : surface(body)) z = std::min(z, p.z());
+  const VecX points = EmbeddingMap(body.mesh().mesh, body.mesh().embedding).interpolate(body.positions());
+  double z = points[2];
+  for (Eigen::Index i = 2; i < points.size(); i += 3) z = std::min(z, points[i]);
   return z;
 }
 

@@ -29,11 +29,6 @@ int heaviest(const std::array<int, 3>& vertex, const std::array<double, 3>& weig
   return vertex[best];
 }
 
-Vec3 faceNormal(const CollisionSurface& s, int triangle) {
-  const auto& t = s.triangles()[triangle];
-  return (s.start[t[1]] - s.start[t[0]]).cross(s.start[t[2]] - s.start[t[0]]);
-}
-
 std::vector<int> sortedUnique(std::vector<int> v) {
   std::sort(v.begin(), v.end());
   v.erase(std::unique(v.begin(), v.end()), v.end());
@@ -266,9 +261,9 @@ int SurfaceContacts::patch(const Item& item, int vertex) { return item.body < 0 
 // Whether the pair's normal points out of both surfaces, as it does wherever they do not overlap.
 bool SurfaceContacts::facesOutward(const Item& a, const Item& b, const FeaturePair& pair) {
   const auto outward = [](const CollisionSurface& s, bool edge, int feature, int triangle) -> Vec3 {
-    if (!edge) return faceNormal(s, triangle);
-    Vec3 n = faceNormal(s, s.edgeTriangles()[feature][0]);
-    if (s.edgeTriangles()[feature][1] >= 0) n += faceNormal(s, s.edgeTriangles()[feature][1]);
+    if (!edge) return s.areaNormal(triangle, 0);
+    Vec3 n = s.areaNormal(s.edgeTriangles()[feature][0], 0);
+    if (s.edgeTriangles()[feature][1] >= 0) n += s.areaNormal(s.edgeTriangles()[feature][1], 0);
     return n;
   };
   const bool edges = pair.kind == FeaturePair::Kind::edge_edge;

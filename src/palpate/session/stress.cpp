@@ -9,7 +9,9 @@
 
 #include "palpate/contact/overlap.h"
 #include "palpate/math/rotation.h"
+#include "palpate/mesh/embedding_map.h"
 #include "palpate/mesh/surface_measures.h"
+#include "palpate/session/statistics.h"
 
 namespace palpate {
 namespace {
@@ -68,19 +70,6 @@ class WildHand {
   DeviceTarget state_;
 };
 
-std::vector<Vec3> surfacePositions(const Body& body) {
-  std::vector<Vec3> out;
-  out.reserve(body.mesh().embedding.size());
-  for (const EmbeddedPoint& e : body.mesh().embedding) {
-    Vec3 p = Vec3::Zero();
-    for (int k = 0; k < 4; ++k) {
-      p += e.weights[k] * body.positions().segment<3>(3 * body.mesh().mesh.tetrahedra[e.tetrahedron][k]);
-    }
-    out.push_back(p);
-  }
-  return out;
-}
-
 /// Depth of the deepest surface point of any body in a plane or in another solid, and how many vertices are inside one.
 struct Intrusion {
   double depth = 0;  // [m]
@@ -91,7 +80,11 @@ struct Intrusion {
 class Examiner {
  public:
   explicit Examiner(const World& world) {
-    for (int i = 0; i < world.bodies(); ++i) surfaces_.emplace_back(world.body(i).mesh().surface);
+    for (int i = 0; i < world.bodies(); ++i) {
+      const SimulationMesh& mesh = world.body(i).mesh();
+      surfaces_.emplace_back(mesh.surface);
+      embeddings_.emplace_back(mesh.mesh, mesh.embedding);
+    }
     for (const Obstacle& o : world.obstacles) {
       if (const std::optional<Surface> s = surfaceOf(o)) surfaces_.emplace_back(*s);
     }
@@ -101,7 +94,8 @@ class Examiner {
     Intrusion out;
     for (int i = 0; i < world.bodies(); ++i) {
       CollisionSurface& s = surfaces_[i];
-      s.start = s.end = surfacePositions(world.body(i));
+      embeddings_[i].interpolate(world.body(i).positions().data(), s.start.data()->data());
+      s.end = s.start;
       s.refit();
       for (const Obstacle& o : world.obstacles) {
         const auto* plane = std::get_if<PlaneShape>(&o.shape);
@@ -129,6 +123,7 @@ class Examiner {
 
  private:
   std::vector<CollisionSurface> surfaces_;
+  std::vector<EmbeddingMap> embeddings_;  // of the bodies, which come first
   std::vector<OverlapPoint> points_;
 };
 
@@ -138,13 +133,6 @@ bool finite(const World& world) {
     if (!b.positions().allFinite() || !b.velocities().allFinite()) return false;
   }
   return true;
-}
-
-double percentile(std::vector<double>& values, double share) {
-  if (values.empty()) return 0;
-  const auto at = static_cast<std::ptrdiff_t>(share * static_cast<double>(values.size() - 1));
-  std::nth_element(values.begin(), values.begin() + at, values.end());
-  return values[static_cast<std::size_t>(at)];
 }
 
 }  // namespace

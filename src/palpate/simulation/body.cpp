@@ -53,10 +53,9 @@ MatX Body::ContactRows::spread(const MatX& own, std::size_t contact_count) const
 
 Body Body::rigid(std::string name, const Surface& surface, double density, double friction, const Vec6& velocity,
                  double damping_alpha) {
-  const SurfaceMeasures measures = measureSurface(surface);
-  if (!(measures.volume > 0) || !(density > 0)) throw InputError(name, "shape", "encloses no mass");
-  const Vec3 center = measures.center_of_mass;
-  const double mass = density * measures.volume;
+  const MassProperties solid = surfaceMassProperties(surface, density, name);
+  const Vec3 center = solid.center_of_mass;
+  const double mass = solid.mass;
   double radius = 0;
   for (const Vec3& p : surface.vertices) radius = std::max(radius, (p - center).norm());
   SimulationMesh mesh;
@@ -91,7 +90,7 @@ Body Body::rigid(std::string name, const Surface& surface, double density, doubl
   frame.nodes = {0, 1, 2, 3};
   for (const Vec3& p : mesh.mesh.nodes) frame.offsets.push_back(p - center);
   frame.mass = frame.attached_mass = mass;
-  frame.inertia = frame.attached_inertia = density * measures.inertia;
+  frame.inertia = frame.attached_inertia = solid.inertia;
   frame.pose.position = center;
   frame.twist = velocity;
   Body body(std::move(name), std::move(mesh), material, friction, velocity);
