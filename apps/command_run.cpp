@@ -8,6 +8,7 @@
 #include "palpate/devices/recorded_device.h"
 #include "palpate/session/run_files.h"
 #include "palpate/session/snapshots.h"
+#include "palpate/viewer/recorder.h"
 #include "progress.h"
 #include "scene_options.h"
 
@@ -71,6 +72,8 @@ void run(const RunOptions& options) {
   }
   Snapshots snapshots(config, scene.world, options.realtime ? 0 : options.pictures);
   if (!options.realtime) sink = snapshots.watch(sink);
+  Recorder recorder(files.stage("recording.palpate"), config, scene);
+  sink = recorder.watch(sink);
   RunOutcome outcome;
   {
     Progress progress(
@@ -79,6 +82,7 @@ void run(const RunOptions& options) {
     outcome =
         options.realtime ? runRealtime(scene, timingOf(config), sink) : runLockstep(scene, timingOf(config), sink);
   }
+  recorder.finish();
   Comparison comparison;
   if (!options.compare.empty()) comparison = compareAlong(config, options.compare, motion);
   files.finish(scene, outcome, options.compare.empty() ? nullptr : &comparison, snapshots.draw());

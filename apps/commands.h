@@ -15,5 +15,7 @@ void addStressCommand(CLI::App& app);
 void addMeshCommand(CLI::App& app);
 void addValidateCommand(CLI::App& app);
 void addDevicesCommand(CLI::App& app);
+void addViewCommand(CLI::App& app);
+void addReplayCommand(CLI::App& app);
 
 }  // namespace palpate

@@ -28,7 +28,9 @@ int main(int argc, char** argv) {
   CLI::App app("Palpate: feel soft things with soft tools. One subcommand a job; each has --help.");
   app.set_version_flag("--version", PALPATE_VERSION);
   app.require_subcommand(1);
+  palpate::addViewCommand(app);
   palpate::addRunCommand(app);
+  palpate::addReplayCommand(app);
   palpate::addOneDCommand(app);
   palpate::addCheckCommand(app);
   palpate::addEvaluateCommand(app);

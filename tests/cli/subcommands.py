@@ -3,10 +3,16 @@
 import math
 import pathlib
 import re
+import signal
+import socket
+import struct
+import urllib.error
+import urllib.request
 
 from harness import CASES, SCENE, case, expect
 
-SUBCOMMANDS = ["run", "one-d", "check", "evaluate", "stress", "mesh", "validate", "devices"]
+SUBCOMMANDS = ["run", "one-d", "check", "evaluate", "stress", "mesh", "validate", "devices", "view",
+               "replay"]
 SCENES = sorted(p.stem for p in (pathlib.Path(__file__).parents[2] / "scenes").glob("*.yaml") if p.stem != "one-d")
 UNITS = r"_(s|ms|us|m|kg|N|Nm|Pa|J|rad|deg|Hz|m_s|rad_s|N_m|m3|m2|count)$"
 WITHOUT_UNIT = r"(^|_)(q?[wxyz]|contacts.*|iterations|.*iterations|residual|.*residual|active|buttons|flags?|step|tick|.*_rel|scene|method|handle|device|aim|passes|status|missed|.*stale.*)$"
@@ -88,7 +94,7 @@ def run_writes_what_others_rely_on(context):
         check_columns(name, context.table(name)[0])
     check_report(context.out / "report.html")
     leftovers = {p.name for p in context.out.iterdir() if not p.name.startswith("picture")} - {"haptic.csv", "visual.csv", "timing.csv", "summary.json",
-                                                          "report.html", "motion.csv"}
+                                                          "report.html", "motion.csv", "recording.palpate"}
     expect(not leftovers, f"unexpected files {leftovers}")
 
 
@@ -353,3 +359,98 @@ def evaluate_compares_methods(context):
     expect({r["method"] for r in rows} >= {"hsl", "vc"}, f"methods {[r['method'] for r in rows]}")
     for row in rows:
         require_keys("row", row, keys("scene", "method", "visual_dt", "latency", "rms_N", "peak_error_N"))
+
+
+class Served:
+    """The program while it serves a page; ends as Ctrl+C ends it."""
+
+    def __init__(self, context, *arguments):
+        self.process = context.start([*arguments, "--port", "0"])
+        line = self.process.stdout.readline()
+        found = re.search(r"http://\S+", line)
+        expect(found, f"no address in {line!r}: {'' if found else self.process.communicate()[1]}")
+        self.url = found.group().split("?")[0]
+        self.port = int(re.search(r":(\d+)/", self.url).group(1))
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.process.send_signal(signal.SIGINT)
+        try:
+            self.process.communicate(timeout=20)
+        finally:
+            self.process.kill()
+        expect(self.process.returncode == 0, f"exit code {self.process.returncode} after Ctrl+C")
+
+    def get(self, path, **headers):
+        request = urllib.request.Request(self.url + path, headers=headers)
+        try:
+            with urllib.request.urlopen(request, timeout=20) as answer:
+                return answer.status, answer.read()
+        except urllib.error.HTTPError as e:
+            return e.code, e.read()
+
+
+@case
+def view_serves_its_page_and_messages(context):
+    with Served(context, "view", context.file("scene.yaml", SCENE)) as served:
+        status, page = served.get("")
+        expect(status == 200 and b"<!doctype html" in page.lower(), f"the page: {status}, {page[:60]!r}")
+        for name in ("app.js", "app.css", "icon.svg"):
+            expect(served.get(name)[0] == 200, f"/{name} is missing")
+        expect(b'"mode":"live"' in served.get("session.json")[1], "/session.json does not say live")
+        expect(served.get("nothing")[0] == 404, "what is not there was found")
+        expect(served.get("", Host="evil.example")[0] == 403, "a foreign host was served")
+        with socket.create_connection(("127.0.0.1", served.port), timeout=20) as s:
+            s.sendall((f"GET /ws HTTP/1.1\r\nHost: 127.0.0.1:{served.port}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+                       "Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n\r\n").encode())
+            data = b""
+            while data.count(b'"type":"s') < 2 or len(data) < 40000:  # scene and state, some frames
+                more = s.recv(65536)
+                expect(more, "the connection ended")
+                data += more
+            expect(b"101 Switching" in data and b'"type":"welcome"' in data, "no welcome")
+
+
+@case
+def view_says_why_it_cannot(context):
+    scene = context.file("scene.yaml", SCENE)
+    with Served(context, "view", scene) as served:
+        context.rejects(["view", scene, "--port", str(served.port)], ["--port", str(served.port)])
+    context.rejects(["view", scene, "--listen", "0.0.0.0"], ["--token"])
+    context.rejects(["view", scene, "--listen", "no address", "--token", "x"], ["--listen"])
+    context.rejects(["view", "nowhere.yaml"], ["nowhere.yaml"])
+
+
+@case
+def view_asks_for_its_token(context):
+    with Served(context, "view", context.file("scene.yaml", SCENE), "--token", "secret") as served:
+        expect(served.get("")[0] == 403, "served without the token")
+        expect(served.get("?token=wrong")[0] == 403, "served with a wrong token")
+        expect(served.get("?token=secret")[0] == 200, "refused with the token")
+
+
+@case
+def replay_serves_a_recorded_run(context):
+    run_press(context)
+    with Served(context, "replay", context.out) as served:
+        expect(b'"mode":"replay"' in served.get("session.json")[1], "/session.json does not say replay")
+        status, recording = served.get("recording")
+        expect(status == 200 and recording.startswith(b"PALPATE1"), f"the recording: {status}")
+        at, frames, ticks = 8, 0, 0
+        while at < len(recording):
+            kind, size = struct.unpack_from("<II", recording, at)
+            if kind == 1:
+                message, _, count = struct.unpack_from("<III", recording, at + 8)
+                frames += message == 2
+                ticks += count if message == 3 else 0
+            at += 8 + -(-size // 8) * 8
+        expect(frames == 15 and ticks == 300, f"{frames} frames and {ticks} ticks of 15 and 300")
+
+
+@case
+def replay_needs_a_recording(context):
+    context.rejects(["replay", context.folder], ["recording.palpate"])
+    context.file("recording.palpate", "something else")
+    context.rejects(["replay", context.folder], ["recording.palpate"])

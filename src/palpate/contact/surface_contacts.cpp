@@ -148,14 +148,14 @@ double FrictionTable::operator()(int first, int second) const {
   const int low = std::min(first, second);
   const int high = std::max(first, second);
   for (const Pair& p : pairs_) {
-    if (p.low == low && p.high == high) return p.coefficient;
+    if (p.low == low && p.high == high) return scale_ * p.coefficient;
   }
   if (low < 0) {
     const auto index = static_cast<std::size_t>(-1 - low);
-    if (index < obstacles_.size() && obstacles_[index]) return *obstacles_[index];
-    return high >= 0 ? bodies_[high] : 0.0;
+    if (index < obstacles_.size() && obstacles_[index]) return scale_ * *obstacles_[index];
+    return high >= 0 ? scale_ * bodies_[high] : 0.0;
   }
-  return std::sqrt(bodies_[low] * bodies_[high]);
+  return scale_ * std::sqrt(bodies_[low] * bodies_[high]);
 }
 
 int SurfaceContacts::id(const Item& item) {

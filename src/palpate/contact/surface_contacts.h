@@ -20,6 +20,8 @@ class FrictionTable {
   void setBody(int body, double coefficient);
   void setObstacle(int obstacle, std::optional<double> coefficient);
   void setPair(int first, int second, double coefficient);
+  /// Multiplies all coefficients; 1 at first.
+  void setScale(double scale) { scale_ = scale; }
   double operator()(int first, int second) const;
   static int obstacle(int index) { return -1 - index; }
 
@@ -28,6 +30,7 @@ class FrictionTable {
     int low, high;
     double coefficient;
   };
+  double scale_ = 1.0;
   std::vector<double> bodies_;
   std::vector<std::optional<double>> obstacles_;
   std::vector<Pair> pairs_;

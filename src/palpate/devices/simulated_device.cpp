@@ -45,10 +45,10 @@ void SimulatedDevice::startInEquilibrium(const Vec6& wrench) noexcept {
 DeviceState SimulatedDevice::sample(double) noexcept { return state_; }
 
 void SimulatedDevice::apply(const Vec6& wrench, double t, double dt) noexcept {
-  Path::Point target = path_.at(t + dt, start_);
-  target.pose = advance(target.pose, hand_offset_);
-  moveLinear(wrench.head<3>(), target, dt);
-  moveAngular(wrench.tail<3>(), target, dt);
+  Path::Point wanted = target(t, dt);
+  wanted.pose = advance(wanted.pose, hand_offset_);
+  moveLinear(wrench.head<3>(), wanted, dt);
+  moveAngular(wrench.tail<3>(), wanted, dt);
 }
 
 void SimulatedDevice::moveLinear(const Vec3& force, const Path::Point& target, double dt) noexcept {

@@ -25,7 +25,7 @@ struct SimulatedDeviceSettings {
 /// A device's mass, moved by a hand model along a path and by the wrench that it renders:
 ///   m a = f + kh (xt - x) + bh (vt - v) - b v,   and likewise for rotation.
 /// Backward Euler over each tick, with the wrench held and the target at the tick's end: stable for any dt.
-class SimulatedDevice final : public Device {
+class SimulatedDevice : public Device {
  public:
   /// @param path   of the hand, relative to `start`
   /// @param start  pose at t = 0, at rest there
@@ -41,6 +41,12 @@ class SimulatedDevice final : public Device {
   /// State at the end of the last apply(); t only says when that is.
   DeviceState sample(double t) noexcept override;
   void apply(const Vec6& wrench, double t, double dt) noexcept override;
+
+ protected:
+  /// Where the hand wants the device at the end of the tick [t, t + dt), before startInEquilibrium()'s offset.
+  virtual Path::Point target(double t, double dt) noexcept { return path_.at(t + dt, start_); }
+  const Pose& startPose() const noexcept { return start_; }
+  const Path& path() const noexcept { return path_; }
 
  private:
   void moveLinear(const Vec3& force, const Path::Point& target, double dt) noexcept;

@@ -106,6 +106,13 @@ void ElasticMesh::updateRotations(const VecX& x) {
   for (ElasticElement& e : elements_) e.rotation = polarRotation(e.deformationGradient(x), e.rotation);
 }
 
+void ElasticMesh::scaleStiffness(double factor) {
+  for (ElasticElement& e : elements_) {
+    e.lambda *= factor;
+    e.mu *= factor;
+  }
+}
+
 void ElasticMesh::setRotations(const std::vector<Mat3>& rotations) {
   for (std::size_t i = 0; i < elements_.size(); ++i) elements_[i].rotation = rotations[i];
   ahead_x_.resize(0);

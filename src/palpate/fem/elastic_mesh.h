@@ -72,6 +72,8 @@ class ElasticMesh {
 
   /// Element rotations of the given positions (polar decomposition, started from the present ones).
   void updateRotations(const VecX& x);
+  /// Makes all elements stiffer by a factor > 0; damping follows.
+  void scaleStiffness(double factor);
   /// Takes rotations saved earlier, one an element.
   void setRotations(const std::vector<Mat3>& rotations);
   /// Elastic forces at x with the present rotations; overwrites f [3 nodes].

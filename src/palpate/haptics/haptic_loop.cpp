@@ -70,6 +70,12 @@ TickRecord HapticLoop::tick(const DeviceState& sample, const HandleModel* newest
   return record;
 }
 
+void HapticLoop::change(Rendering rendering, double model_age_limit) noexcept {
+  settings_.rendering = rendering;
+  settings_.safety.model_age_limit = model_age_limit;
+  safety_.setModelAgeLimit(model_age_limit);
+}
+
 DeviceState HapticLoop::readDevice(const DeviceState& sample, TickFlags& flags) noexcept {
   const std::uint64_t rejected = filter_.rejected();
   const DeviceState& device = filter_.accept(sample);

@@ -62,6 +62,10 @@ class HapticLoop {
   /// @param now     [s]
   TickRecord tick(const DeviceState& sample, const HandleModel* newest, double now) noexcept;
 
+  /// Another way to make the force, from the next tick on; between two ticks. The proxy goes on from where it is.
+  /// @param model_age_limit  at which a model is stale [s]
+  void change(Rendering rendering, double model_age_limit) noexcept;
+
   const TickCounters& counters() const noexcept { return counters_; }
   const PassivityObserver& passivity() const noexcept { return observer_; }
   const HapticSettings& settings() const noexcept { return settings_; }

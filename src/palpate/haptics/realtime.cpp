@@ -33,12 +33,27 @@ double DurationHistogram::percentile(double share) const noexcept {
   for (std::size_t bucket = 0; bucket < kBuckets && count_ > 0; ++bucket) {
     seen += static_cast<double>(buckets_[bucket]);
     if (buckets_[bucket] == 0 || seen < wanted) continue;
-    const std::size_t octave = bucket >> kBits;
-    const std::size_t shift = octave > 1 ? octave - 1 : 0;
-    const auto upper = static_cast<double>(((bucket - (shift << kBits)) + 1) << shift) - 1.0;
-    return 1e-3 * std::min(upper, static_cast<double>(max_));
+    return 1e-3 * std::min(upperEdge(bucket) - 1.0, static_cast<double>(max_));
   }
   return max();
+}
+
+double DurationHistogram::upperEdge(std::size_t bucket) noexcept {
+  const std::size_t octave = bucket >> kBits;
+  const std::size_t shift = octave > 1 ? octave - 1 : 0;
+  return static_cast<double>(((bucket - (shift << kBits)) + 1) << shift);
+}
+
+std::vector<DurationHistogram::Bin> DurationHistogram::bins() const {
+  constexpr std::size_t kJoined = (std::size_t{1} << kBits) / 8;
+  std::vector<Bin> out;
+  for (std::size_t first = 0; first < kBuckets; first += kJoined) {
+    std::uint64_t sum = 0;
+    for (std::size_t k = 0; k < kJoined; ++k) sum += buckets_[first + k];
+    if (sum > 0 || !out.empty()) out.push_back({1e-3 * upperEdge(first + kJoined - 1), sum});
+  }
+  while (!out.empty() && out.back().count == 0) out.pop_back();
+  return out;
 }
 
 RealtimeGrant requestRealtime(int priority) {

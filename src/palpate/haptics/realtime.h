@@ -5,6 +5,7 @@
 #include <chrono>
 #include <cstdint>
 #include <string>
+#include <vector>
 
 namespace palpate {
 
@@ -18,7 +19,16 @@ class DurationHistogram {
   double max() const noexcept { return 1e-3 * static_cast<double>(max_); }  ///< [us], exact
   std::uint64_t count() const noexcept { return count_; }
 
+  struct Bin {
+    double upper;  ///< [us], exclusive
+    std::uint64_t count;
+  };
+  /// The distribution in eighths of an octave from the first value to the last; empty without values. Allocates.
+  std::vector<Bin> bins() const;
+
  private:
+  static double upperEdge(std::size_t bucket) noexcept;  // [ns]
+
   static constexpr int kBits = 5;
   static constexpr std::size_t kBuckets = (64 - kBits) << kBits;
   std::array<std::uint32_t, kBuckets> buckets_{};

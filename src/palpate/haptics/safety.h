@@ -48,6 +48,8 @@ class SafetyChain {
   Output process(const Input& input, const PassivityObserver& observer) noexcept;
 
   const SafetySettings& settings() const noexcept { return settings_; }
+  /// Age at which a model is stale from the next tick on [s].
+  void setModelAgeLimit(double limit) noexcept { settings_.model_age_limit = limit; }
 
  private:
   double updateWatchdog(double model_age, double dt, TickFlags& flags) noexcept;

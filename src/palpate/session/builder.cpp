@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "palpate/common/error.h"
+#include "palpate/common/overloaded.h"
 #include "palpate/devices/prescribed_device.h"
 #include "palpate/devices/recorded_device.h"
 #include "palpate/devices/simulated_device.h"
@@ -19,13 +20,6 @@
 
 namespace palpate {
 namespace {
-
-template <typename... Cases>
-struct Overloaded : Cases... {
-  using Cases::operator()...;
-};
-template <typename... Cases>
-Overloaded(Cases...) -> Overloaded<Cases...>;
 
 // Stands a surface on the origin: centered in x and y, its lowest point at z = 0.
 void stand(std::vector<Vec3>& points) {
@@ -128,16 +122,7 @@ Path buildPath(const HandConfig& hand) {
   return Path(std::move(keys), hand.smooth ? Interpolation::smooth : Interpolation::linear);
 }
 
-std::unique_ptr<Device> buildDevice(const SceneConfig& config, Pose& start) {
-  const DeviceConfig& d = config.device;
-  if (d.kind == DeviceName::recorded) {
-    MotionRecording motion = readMotion(d.recording->path);
-    auto device = std::make_unique<RecordedDevice>(std::move(motion), d.limits);
-    start = device->sample(0.0).pose;
-    return device;
-  }
-  Path path = buildPath(config.tool.chosenHandle().hand);
-  if (d.kind == DeviceName::prescribed) return std::make_unique<PrescribedDevice>(std::move(path), start, d.limits);
+SimulatedDeviceSettings simulatedSettings(const DeviceConfig& d) {
   SimulatedDeviceSettings s;
   const auto set = [](double& value, const std::optional<double>& given) { value = given.value_or(value); };
   set(s.mass, d.mass);
@@ -149,7 +134,20 @@ std::unique_ptr<Device> buildDevice(const SceneConfig& config, Pose& start) {
   set(s.hand_rotational_stiffness, d.hand_rotational_stiffness);
   set(s.hand_rotational_damping, d.hand_rotational_damping);
   s.limits = d.limits;
-  return std::make_unique<SimulatedDevice>(s, std::move(path), start);
+  return s;
+}
+
+std::unique_ptr<Device> buildDevice(const SceneConfig& config, Pose& start) {
+  const DeviceConfig& d = config.device;
+  if (d.kind == DeviceName::recorded) {
+    MotionRecording motion = readMotion(d.recording->path);
+    auto device = std::make_unique<RecordedDevice>(std::move(motion), d.limits);
+    start = device->sample(0.0).pose;
+    return device;
+  }
+  Path path = buildPath(config.tool.chosenHandle().hand);
+  if (d.kind == DeviceName::prescribed) return std::make_unique<PrescribedDevice>(std::move(path), start, d.limits);
+  return std::make_unique<SimulatedDevice>(simulatedSettings(d), std::move(path), start);
 }
 
 HapticSettings buildHaptic(const SceneConfig& config, const World& world) {
@@ -180,6 +178,11 @@ CompensatedWeight staticWeight(const World& world) {
   for (int i = 0; i < tool.nodes(); ++i) moment += tool.elasticity().mass()[i] * tool.positions().segment<3>(3 * i);
   out.center = handle.pose.rotation.conjugate() * (moment / tool.totalMass() - handle.pose.position);
   return out;
+}
+
+std::unique_ptr<MouseDevice> buildMouse(const SceneConfig& config, const Pose& start) {
+  return std::make_unique<MouseDevice>(simulatedSettings(config.device), buildPath(config.tool.chosenHandle().hand),
+                                       start);
 }
 
 SimulationMesh buildMesh(const BodyConfig& config, EmbedReport* report) {

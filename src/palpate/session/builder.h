@@ -4,6 +4,7 @@
 #include <optional>
 
 #include "palpate/devices/device.h"
+#include "palpate/devices/mouse_device.h"
 #include "palpate/haptics/haptic_loop.h"
 #include "palpate/linearization/linearize.h"
 #include "palpate/mesh/embed_surface.h"
@@ -26,6 +27,10 @@ struct BuiltScene {
 /// Makes bodies, obstacles, device and haptic settings of a scene (its files resolved).
 /// @throws InputError for what only the meshes tell: a region without nodes, a surface without volume
 BuiltScene buildScene(const SceneConfig& config);
+
+/// A mouse in place of the scene's device: the same mass and hand, the chosen handle's path until somebody takes it.
+/// @param start  first pose of the device
+std::unique_ptr<MouseDevice> buildMouse(const SceneConfig& config, const Pose& start);
 
 /// Weight of handle and tool together, at their center of mass, as the tool now hangs.
 CompensatedWeight staticWeight(const World& world);

@@ -133,6 +133,7 @@ RunOutcome runLockstep(BuiltScene& scene, const RunTiming& timing, const RunSink
           visualStep(scene.world, target, scene.linearization, timing.visual_step, t, last, timing.substeps);
       last = record.model;
       arrivals.push_back({i + timing.latency * ticks_per_step, record.model});
+      sink.stepped(scene.world, record);
       sink.visual(record);
       sink.progress(static_cast<double>(i) / static_cast<double>(ticks));
     }

@@ -50,7 +50,8 @@ Vec6 startHaptics(BuiltScene& scene, HapticLoop& loop);
 /// the visual step of a tick samples the device first, and its model arrives `latency` visual steps later.
 RunOutcome runLockstep(BuiltScene& scene, const RunTiming& timing, const RunSink& sink);
 
-/// Runs a scene in real time, one thread a loop, and the caller's thread for the sink. Stops after the duration.
+/// Runs a scene in real time, one thread a loop (session/realtime_loops.h), and the caller's thread for the sink. Stops
+/// after the duration.
 RunOutcome runRealtime(BuiltScene& scene, const RunTiming& timing, const RunSink& sink);
 
 }  // namespace palpate

@@ -335,6 +335,8 @@ RunFiles::RunFiles(const std::filesystem::path& folder, const SceneConfig& confi
 
 RunFiles::~RunFiles() = default;
 
+std::filesystem::path RunFiles::stage(const std::string& name) { return impl_->folder.stage(name); }
+
 RunSink RunFiles::sink() {
   RunSink s;
   s.tick = [this](const TickRecord& r) { impl_->tick(r); };

@@ -28,6 +28,8 @@ class RunFiles {
   ~RunFiles();
 
   RunSink sink();
+  /// Path for another file of the run, which must be complete before finish().
+  std::filesystem::path stage(const std::string& name);
   /// Completes the files and gives them their names.
   void finish(const BuiltScene& scene, const RunOutcome& outcome, const Comparison* comparison,
               const RunPictures& pictures = {});

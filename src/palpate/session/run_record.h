@@ -23,6 +23,8 @@ struct VisualRecord {
 struct RunSink {
   std::function<void(const TickRecord&)> tick = [](const TickRecord&) {};
   std::function<void(const VisualRecord&)> visual = [](const VisualRecord&) {};
+  /// After each visual step, on the thread that steps the world, which is the only one to see it.
+  std::function<void(const World&, const VisualRecord&)> stepped = [](const World&, const VisualRecord&) {};
   std::function<void(double share)> progress = [](double) {};
 };
 

@@ -74,6 +74,8 @@ class Body {
   const std::vector<int>& attachedIndex() const { return attached_; }  ///< node -> index in handle().nodes, -1 if free
   const std::vector<int>& boundaryElements() const { return boundary_; }  ///< touch attached and free nodes
   double totalMass() const;
+  /// Makes the material stiffer by a factor > 0, between two steps.
+  void scaleStiffness(double factor) { fem_.scaleStiffness(factor); }
   double friction() const { return friction_; }
 
   // --- state

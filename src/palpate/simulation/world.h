@@ -84,6 +84,8 @@ class World {
 
   /// Friction of pairs. Obstacles' and bodies' own coefficients are entered by add().
   void setFriction(int first, int second, double coefficient) { friction_.setPair(first, second, coefficient); }
+  /// Multiplies all coefficients of friction, between two steps; 1 at first.
+  void setFrictionScale(double scale) { friction_.setScale(scale); }
 
  private:
   void prepare();

@@ -1,0 +1,42 @@
+#pragma once
+
+#include <CLI/CLI.hpp>
+#include <string>
+
+#include "palpate/viewer/server.h"
+
+namespace palpate {
+
+/// Where the viewer's server listens; options of view and replay.
+struct ServeOptions {
+  int port = 7357;
+  std::string address;
+  std::string token;
+
+  void add(CLI::App& command) {
+    command.add_option("--port", port, "Port of the page; 0: any free one")
+        ->check(CLI::Range(0, 65535))
+        ->capture_default_str();
+    command.add_option("--listen", address, "Address to listen on in place of the loopback; needs --token")
+        ->type_name("ADDRESS");
+    command.add_option("--token", token, "What a browser must know to be served")->type_name("T");
+  }
+
+  ServerOptions server() const {
+    ServerOptions out;
+    if (!address.empty()) out.address = address;
+    out.port = static_cast<unsigned short>(port);
+    out.token = token;
+    out.version = PALPATE_VERSION;
+    out.stop_on_signals = true;
+    return out;
+  }
+};
+
+/// What GET /session.json answers.
+std::string sessionJson(const std::string& mode, const std::string& name, const ServerOptions& options);
+
+/// Says on standard output where the page is.
+void announce(const Server& server);
+
+}  // namespace palpate

@@ -1,0 +1,163 @@
+#include "palpate/session/realtime_loops.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+namespace palpate {
+namespace {
+
+constexpr int kHapticPriority = 80;
+constexpr std::chrono::milliseconds kStartDelay{20};  // both threads are up by then, and count from one instant
+constexpr std::size_t kTickRows = 4096;               // four seconds for the owner to fall behind
+constexpr std::size_t kVisualRows = 512;
+constexpr std::int64_t kReportEvery = 512;  // ticks
+
+}  // namespace
+
+RealtimeLoops::RealtimeLoops(BuiltScene& scene, const RunTiming& timing, Stepped stepped)
+    : scene_(scene),
+      timing_(timing),
+      stepped_(std::move(stepped)),
+      loop_(scene.haptic),
+      filter_(scene.haptic.filter),
+      last_(startModel(scene, timing)),
+      budget_(timing),
+      ticks_(kTickRows),
+      visuals_(kVisualRows) {
+  filter_.reset(scene.start);
+  models_.write(last_);
+  startHaptics(scene, loop_);
+}
+
+RealtimeLoops::~RealtimeLoops() {
+  try {
+    stop();
+  } catch (...) {  // nobody is left to hear of it
+  }
+}
+
+TickRecord RealtimeLoops::tickAt(std::int64_t k, const DeviceState& device, const HandleModel* model) {
+  const double t = static_cast<double>(k) * timing_.haptic_step;
+  const TickRecord record = loop_.tick(device, model, t);
+  scene_.device->apply(record.sent, t, timing_.haptic_step);
+  ticks_.push(record);
+  return record;
+}
+
+void RealtimeLoops::stepAt(double now, double lateness, const DeviceState& device) {
+  substeps_.store(budget_.substeps(), std::memory_order_relaxed);
+  VisualRecord record = visualStep(scene_.world, aimAt(filter_.accept(device), timing_), scene_.linearization,
+                                   timing_.visual_step, now, last_, budget_.substeps());
+  budget_.took(record.step.times.total() + record.linearization_s);
+  last_ = record.model;
+  record.lateness_s = lateness;
+  models_.write(record.model);
+  if (stepped_) stepped_(scene_.world, record);
+  visuals_.push(record);
+}
+
+void RealtimeLoops::runHaptic(double speed, std::int64_t last) {
+  grant_ = requestRealtime(kHapticPriority);
+  PeriodicClock clock(timing_.haptic_step / speed);
+  clock.start(start_);
+  const std::int64_t first = tick_;
+  while (!stop_.load(std::memory_order_relaxed)) {
+    const std::int64_t k = first + clock.wait(haptic_report_);
+    if (k >= last) break;
+    const auto begin = std::chrono::steady_clock::now();
+    const DeviceState device = scene_.device->sample(static_cast<double>(k) * timing_.haptic_step);
+    samples_.write(device);
+    tickAt(k, device, models_.read());
+    tick_ = k + 1;
+    haptic_report_.work.add(std::chrono::nanoseconds(std::chrono::steady_clock::now() - begin).count());
+    if (++haptic_report_.ticks % kReportEvery == 0) reports_.write(haptic_report_);
+  }
+  haptic_done_.store(true, std::memory_order_release);
+}
+
+void RealtimeLoops::runVisual(double speed, double origin) {
+  PeriodicClock clock(timing_.visual_step / speed);
+  clock.start(start_);
+  while (!stop_.load(std::memory_order_relaxed) && !haptic_done_.load(std::memory_order_acquire)) {
+    const std::int64_t k = clock.wait(visual_report_);
+    const DeviceState* device = samples_.read();
+    if (device == nullptr) continue;
+    const double elapsed = std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count();
+    const double lateness = elapsed - static_cast<double>(k) * timing_.visual_step / speed;
+    stepAt(origin + elapsed * speed, lateness, *device);
+  }
+  visual_done_.store(true, std::memory_order_release);
+}
+
+void RealtimeLoops::start(double speed, double until) {
+  if (started()) return;
+  const auto last = static_cast<std::int64_t>(std::llround(std::min(until / timing_.haptic_step, 9e15)));
+  stop_.store(false);
+  haptic_done_.store(false);
+  visual_done_.store(false);
+  failure_ = nullptr;
+  start_ = std::chrono::steady_clock::now() + kStartDelay;
+  visual_ = std::thread([this, speed, origin = time()] {
+    try {
+      runVisual(speed, origin);
+    } catch (...) {  // the haptic loop must end too
+      failure_ = std::current_exception();
+      stop_.store(true);
+      visual_done_.store(true, std::memory_order_release);
+    }
+  });
+  haptic_ = std::thread([this, speed, last] { runHaptic(speed, last); });
+}
+
+void RealtimeLoops::stop() {
+  stop_.store(true);
+  if (haptic_.joinable()) haptic_.join();
+  if (visual_.joinable()) visual_.join();
+  if (failure_) std::rethrow_exception(std::exchange(failure_, nullptr));
+}
+
+bool RealtimeLoops::ended() const {
+  return haptic_done_.load(std::memory_order_acquire) && visual_done_.load(std::memory_order_acquire);
+}
+
+void RealtimeLoops::stepOnce() {
+  if (started() && !ended()) return;
+  const auto ticks = static_cast<std::int64_t>(std::llround(timing_.visual_step / timing_.haptic_step));
+  for (std::int64_t i = 0; i < ticks; ++i, ++tick_) {
+    const DeviceState device = scene_.device->sample(time());
+    if (i == 0) stepAt(time(), 0.0, device);
+    tickAt(tick_, device, models_.read());
+  }
+}
+
+void RealtimeLoops::change(Rendering rendering, const RunTiming& timing) {
+  timing_ = timing;
+  budget_ = SubstepBudget(timing);
+  loop_.change(rendering, modelAgeLimit(timing.visual_step, timing.latency));
+}
+
+const PeriodicReport& RealtimeLoops::report() noexcept {
+  if (!started()) return haptic_report_;
+  if (const PeriodicReport* newest = reports_.read()) copy_ = *newest;
+  return copy_;
+}
+
+RunOutcome RealtimeLoops::outcome() const {
+  const auto spread = [](const DurationHistogram& h) {
+    return std::vector<double>{h.percentile(0.5), h.percentile(0.99), h.max()};
+  };
+  RunOutcome out;
+  out.realtime = true;
+  out.counters = loop_.counters();
+  out.delivered_energy = loop_.passivity().delivered();
+  out.ticks = haptic_report_.ticks;
+  out.missed = haptic_report_.missed;
+  out.dropped_rows = dropped();
+  out.tick_us = spread(haptic_report_.work);
+  out.wake_us = spread(haptic_report_.wake_latency);
+  out.realtime_note = grant_.reason;
+  return out;
+}
+
+}  // namespace palpate

@@ -1,0 +1,91 @@
+#pragma once
+
+#include <atomic>
+#include <chrono>
+#include <cstdint>
+#include <exception>
+#include <functional>
+#include <thread>
+
+#include "palpate/haptics/device_filter.h"
+#include "palpate/haptics/exchange.h"
+#include "palpate/haptics/realtime.h"
+#include "palpate/haptics/record_queue.h"
+#include "palpate/session/lockstep.h"
+
+namespace palpate {
+
+/// The two loops of a run in real time, each on a thread of its own, which can be stopped and started again: the run
+/// goes on where it stood. All calls but the loops themselves come from one thread, the owner's.
+class RealtimeLoops {
+ public:
+  /// Called on the visual loop's thread after each step.
+  using Stepped = std::function<void(const World&, const VisualRecord&)>;
+
+  /// @param scene  must outlive this; while the loops run they alone touch its world and device
+  /// @throws RunError if the first visual step fails, InputError for settings out of range
+  RealtimeLoops(BuiltScene& scene, const RunTiming& timing, Stepped stepped);
+  ~RealtimeLoops();
+  RealtimeLoops(const RealtimeLoops&) = delete;
+  RealtimeLoops& operator=(const RealtimeLoops&) = delete;
+
+  /// @param speed  of simulated time against the clock, 1 in real time; periods are divided by it
+  /// @param until  simulated time at which the loops end by themselves [s]
+  void start(double speed, double until);
+  /// Ends both loops, the haptic one after its tick, the visual one after its step. @throws what a visual step threw
+  void stop();
+  bool started() const { return haptic_.joinable(); }
+  /// Both loops have ended by themselves: time is up, or a step threw, which stop() tells.
+  bool ended() const;
+
+  /// While stopped: one visual step and its ticks, in virtual time.
+  void stepOnce();
+  /// While stopped: another way to make the force, another visual step.
+  void change(Rendering rendering, const RunTiming& timing);
+
+  /// Simulated time of the next tick while stopped [s].
+  double time() const { return static_cast<double>(tick_) * timing_.haptic_step; }
+  const RunTiming& timing() const { return timing_; }
+  int substeps() const { return substeps_.load(std::memory_order_relaxed); }
+  /// Newest model of the run's handle while stopped.
+  const HandleModel& model() const { return last_; }
+
+  // Rows for the owner, in order.
+  bool pop(TickRecord& row) noexcept { return ticks_.pop(row); }
+  bool pop(VisualRecord& row) noexcept { return visuals_.pop(row); }
+  std::uint64_t dropped() const noexcept { return ticks_.dropped() + visuals_.dropped(); }
+  /// Timing of the haptic loop so far, renewed twice a second while it runs.
+  const PeriodicReport& report() noexcept;
+  /// While stopped: what the run as a whole says so far.
+  RunOutcome outcome() const;
+
+ private:
+  void runHaptic(double speed, std::int64_t last);
+  void runVisual(double speed, double origin);
+  TickRecord tickAt(std::int64_t k, const DeviceState& device, const HandleModel* model);
+  void stepAt(double now, double lateness, const DeviceState& device);
+
+  BuiltScene& scene_;
+  RunTiming timing_;
+  Stepped stepped_;
+  HapticLoop loop_;
+  DeviceFilter filter_;
+  HandleModel last_;
+  SubstepBudget budget_;
+  PeriodicReport haptic_report_, visual_report_, copy_;
+  RealtimeGrant grant_;
+  LatestValue<HandleModel> models_;   // visual to haptic
+  LatestValue<DeviceState> samples_;  // haptic to visual
+  LatestValue<PeriodicReport> reports_;
+  RecordQueue<TickRecord> ticks_;
+  RecordQueue<VisualRecord> visuals_;
+  std::int64_t tick_ = 0;  // next one
+  std::atomic<bool> stop_{false};
+  std::atomic<bool> haptic_done_{true}, visual_done_{true};
+  std::atomic<int> substeps_{1};
+  std::chrono::steady_clock::time_point start_;
+  std::exception_ptr failure_;
+  std::thread haptic_, visual_;
+};
+
+}  // namespace palpate

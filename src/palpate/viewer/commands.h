@@ -1,0 +1,50 @@
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <variant>
+
+#include "palpate/math/types.h"
+
+namespace palpate {
+
+// What a page may ask for (docs/viewer.md, "Page to server").
+
+struct HandMessage {
+  std::uint32_t sequence = 0;
+  Pose pose;  ///< where the hand wants the device, world
+};
+struct TakeMessage {};
+struct ReleaseMessage {};
+struct PlayMessage {};
+struct SetMessage {
+  std::optional<std::string> method, handle;
+  std::optional<double> visual_step;  ///< [s]
+  std::optional<double> friction, stiffness, speed;
+  std::optional<bool> stress;
+};
+struct PauseMessage {};
+struct ResumeMessage {};
+struct StepMessage {};
+struct ResetMessage {};
+struct SceneMessage {
+  std::string name;
+};
+struct RecordMessage {
+  bool on = false;
+};
+using ViewerCommand = std::variant<HandMessage, TakeMessage, ReleaseMessage, PlayMessage, SetMessage, PauseMessage,
+                                   ResumeMessage, StepMessage, ResetMessage, SceneMessage, RecordMessage>;
+
+inline constexpr double kMinVisualStep = 0.002, kMaxVisualStep = 0.2;  // [s]
+inline constexpr double kMaxFriction = 10.0;                           // factor, from 0
+inline constexpr double kMinStiffness = 0.05, kMaxStiffness = 20.0;    // factor
+inline constexpr double kMinSpeed = 0.02, kMaxSpeed = 1.0;
+
+/// Reads one message; all numbers in it are finite and in range, texts at most 200 bytes.
+/// @throws InputError ("message", key, cause)
+ViewerCommand parseCommand(std::string_view json);
+
+}  // namespace palpate

@@ -1,0 +1,408 @@
+#include "palpate/viewer/server.h"
+
+#include <fmt/format.h>
+#include <pthread.h>
+#include <time.h>
+
+#include <algorithm>
+#include <boost/asio/basic_signal_set.hpp>
+#include <boost/asio/basic_socket_acceptor.hpp>
+#include <boost/asio/basic_waitable_timer.hpp>
+#include <boost/asio/ip/v6_only.hpp>
+#include <boost/asio/post.hpp>
+#include <chrono>
+#include <csignal>
+#include <fstream>
+#include <mutex>
+#include <nlohmann/json.hpp>
+#include <variant>
+
+#include "palpate/common/error.h"
+#include "palpate/viewer/request_checks.h"
+#include "palpate/viewer/server_core.h"
+
+namespace palpate {
+namespace {
+
+namespace asio = boost::asio;
+using Acceptor = asio::basic_socket_acceptor<asio::ip::tcp, Executor>;
+using Clock = std::chrono::steady_clock;
+using Timer = asio::basic_waitable_timer<Clock, asio::wait_traits<Clock>, Executor>;
+using Signals = asio::basic_signal_set<Executor>;
+using Error = boost::system::error_code;
+
+constexpr int kProtocol = 1;
+constexpr int kMaxOtherConnections = 64;  // beside the viewers
+// Small, so that what a stalled viewer does not take waits here, where it can be replaced by something newer.
+constexpr int kSendBuffer = 64 << 10;
+constexpr auto kGoodbyeTime = std::chrono::milliseconds(800);
+constexpr auto kCutTime = std::chrono::milliseconds(200);
+constexpr auto kAcceptPause = std::chrono::milliseconds(100);
+
+double secondsOf(clockid_t clock) {
+  timespec time{};
+  if (clock_gettime(clock, &time) != 0) return -1.0;
+  return static_cast<double>(time.tv_sec) + 1e-9 * static_cast<double>(time.tv_nsec);
+}
+
+// What other threads ask of the server's.
+
+struct GreetingOrder {
+  std::vector<std::pair<bool, Bytes>> messages;
+};
+struct StateOrder {
+  Bytes json;
+};
+struct TextOrder {
+  Bytes json;
+  std::optional<int> viewer;
+};
+using Order = std::variant<GreetingOrder, StateOrder, TextOrder, ViewerFrame, ViewerSamples>;
+
+/// Orders in the order in which they were given; of frames and states only the newest, as the server may be busy.
+class Inbox {
+ public:
+  /// @return true where the server has to be woken
+  bool add(Order&& order) {
+    const std::lock_guard lock(mutex_);
+    if (closed_) return false;
+    if (std::holds_alternative<GreetingOrder>(order)) {
+      frame_.reset();
+    } else if (std::holds_alternative<ViewerFrame>(order)) {
+      if (replaced(frame_, order)) return false;
+    } else if (std::holds_alternative<StateOrder>(order)) {
+      if (replaced(state_, order)) return false;
+    }
+    orders_.push_back(std::move(order));
+    return orders_.size() == 1;
+  }
+
+  /// Takes all; `taken` is emptied and its memory used again.
+  void take(std::vector<Order>& taken) {
+    taken.clear();
+    const std::lock_guard lock(mutex_);
+    taken.swap(orders_);
+    frame_.reset();
+    state_.reset();
+  }
+
+  /// Nobody takes any more.
+  void close() {
+    const std::lock_guard lock(mutex_);
+    closed_ = true;
+    orders_.clear();
+  }
+
+ private:
+  /// Puts the order in the place of one of its kind that waits, or remembers the place that it will get.
+  bool replaced(std::optional<std::size_t>& place, Order& order) {
+    if (place) {
+      orders_[*place] = std::move(order);
+      return true;
+    }
+    place = orders_.size();
+    return false;
+  }
+
+  std::mutex mutex_;
+  std::vector<Order> orders_;
+  std::optional<std::size_t> frame_, state_;  ///< index of the one that a newer one replaces
+  bool closed_ = false;
+};
+
+std::string bracketed(const asio::ip::address& address) {
+  return address.is_v6() ? "[" + address.to_string() + "]" : address.to_string();
+}
+
+asio::ip::tcp::endpoint checkedEndpoint(const ServerOptions& options) {
+  if (!isAddress(options.address))
+    throw InputError("--listen", "",
+                     fmt::format("'{}' is not a numeric address such as 192.168.1.7 or ::1", options.address));
+  if (!options.token.empty() && !isToken(options.token))
+    throw InputError("--token", "", "takes letters, digits and the characters - . _ ~, at most 128 of them");
+  if (options.token.empty() && !isLoopbackAddress(options.address))
+    throw InputError("--listen", "",
+                     fmt::format("{} can be reached from other machines, so it needs --token", options.address));
+  return {asio::ip::make_address(options.address), options.port};
+}
+
+void bindTo(Acceptor& acceptor, const asio::ip::tcp::endpoint& endpoint) {
+  Error error;
+  const auto check = [&] {
+    if (!error) return;
+    const std::string address = bracketed(endpoint.address());
+    if (error == asio::error::address_in_use)
+      throw InputError("--port", "", fmt::format("{} is in use on {}; 0 takes any free one", endpoint.port(), address));
+    if (error == asio::error::access_denied)
+      throw InputError("--port", "", fmt::format("{} is not open to this user; take 1024 or more", endpoint.port()));
+    if (error.value() == EADDRNOTAVAIL)
+      throw InputError("--listen", "", fmt::format("{} is not an address of this machine", address));
+    throw InputError("--listen", "", fmt::format("cannot listen on {}: {}", address, error.message()));
+  };
+  acceptor.open(endpoint.protocol(), error);
+  check();
+  acceptor.set_option(asio::socket_base::reuse_address(true), error);
+  check();
+  if (endpoint.protocol() == asio::ip::tcp::v6()) {
+    acceptor.set_option(asio::ip::v6_only(false), error);
+    check();
+  }
+  acceptor.bind(endpoint, error);
+  check();
+  acceptor.listen(asio::socket_base::max_listen_connections, error);
+  check();
+}
+
+}  // namespace
+
+Connection::Connection(ServerCore& core) : core_(core) { core_.connections.insert(this); }
+Connection::~Connection() { core_.connections.erase(this); }
+
+int ServerCore::join(Viewer& viewer) {
+  const int number = ++last_viewer;
+  viewers.emplace(number, &viewer);
+  viewer_count = static_cast<int>(viewers.size());
+  const nlohmann::ordered_json json{
+      {"type", "welcome"}, {"protocol", kProtocol}, {"viewer", number}, {"version", options.version}};
+  viewer.queue.welcome(std::make_shared<std::string>(json.dump()));
+  viewer.queue.greet(greeting);
+  if (state) viewer.queue.setState(state);
+  if (frame) viewer.queue.setFrame(*frame);
+  viewer.flush();
+  if (handlers.joined) handlers.joined(number);
+  return number;
+}
+
+void ServerCore::leave(int viewer) {
+  if (viewers.erase(viewer) == 0) return;
+  viewer_count = static_cast<int>(viewers.size());
+  if (handlers.left) handlers.left(viewer);
+}
+
+struct Server::Implementation {
+  ServerCore core;
+  Inbox inbox;
+  std::vector<Order> orders;
+  // CPU clock of the thread in run(), and what it showed at the beginning; afterwards what run() took in all.
+  std::atomic<bool> has_clock{false};
+  std::atomic<clockid_t> cpu_clock{};
+  std::atomic<double> cpu_start{0.0}, cpu_total{0.0};
+  asio::io_context io{1};  // destroyed before what the connections that are still in it use
+  Acceptor acceptor{io};
+  Timer pause{io}, goodbye{io};
+  Signals signals{io};
+
+  void give(Order&& order) {
+    if (inbox.add(std::move(order))) asio::post(io, [this] { obey(); });
+  }
+
+  void obey() {
+    inbox.take(orders);
+    for (Order& order : orders) std::visit([this](auto& o) { apply(o); }, order);
+    orders.clear();
+    for (auto i = core.viewers.begin(); i != core.viewers.end();) (i++)->second->flush();  // it may leave
+  }
+
+  template <class Action>
+  void forAll(Action action) {
+    for (const auto& [number, viewer] : core.viewers) action(viewer->queue);
+  }
+
+  void apply(GreetingOrder& order) {
+    core.greeting = std::move(order.messages);
+    core.frame.reset();
+    forAll([&](ViewerQueue& queue) { queue.greet(core.greeting); });
+  }
+  void apply(StateOrder& order) {
+    core.state = std::move(order.json);
+    forAll([&](ViewerQueue& queue) { queue.setState(core.state); });
+  }
+  void apply(TextOrder& order) {
+    if (!order.viewer) return forAll([&](ViewerQueue& queue) { queue.text(order.json); });
+    const auto found = core.viewers.find(*order.viewer);
+    if (found != core.viewers.end()) found->second->queue.text(std::move(order.json));
+  }
+  void apply(ViewerFrame& frame) {
+    forAll([&](ViewerQueue& queue) { queue.setFrame(frame); });
+    core.frame = std::move(frame);
+  }
+  void apply(ViewerSamples& samples) {
+    forAll([&](ViewerQueue& queue) { queue.addSamples(samples); });
+  }
+
+  void accept() {
+    acceptor.async_accept([this](Error error, Socket socket) {
+      if (core.stopping) return;
+      if (error == asio::error::no_descriptors || error == asio::error::no_buffer_space ||
+          error == asio::error::no_memory) {  // some connection has to end first
+        pause.expires_after(kAcceptPause);
+        pause.async_wait([this](Error) {
+          if (!core.stopping) accept();
+        });
+        return;
+      }
+      if (!error && core.connections.size() < static_cast<std::size_t>(core.options.max_viewers + kMaxOtherConnections))
+        serve(std::move(socket));
+      accept();
+    });
+  }
+
+  void serve(Socket&& socket) {
+    Error error;
+    socket.set_option(asio::ip::tcp::no_delay(true), error);
+    socket.set_option(asio::socket_base::send_buffer_size(kSendBuffer), error);
+    serveHttp(core, std::move(socket));
+  }
+
+  template <class Action>
+  void forAllConnections(Action action) {
+    std::vector<std::shared_ptr<Connection>> all;  // held: one may end, and leave the set, while it is dealt with
+    for (Connection* connection : core.connections) all.push_back(connection->shared_from_this());
+    for (const auto& connection : all) action(*connection);
+  }
+
+  void beginStop() {
+    if (core.stopping) return;
+    core.stopping = true;
+    Error ignored;
+    acceptor.close(ignored);
+    pause.cancel();
+    signals.cancel(ignored);
+    obey();  // what was said before stop() goes before the goodbye
+    forAllConnections([](Connection& c) { c.finish(); });
+    cutWhenLate();
+  }
+
+  /// Whoever has not taken leave in time is cut off; should that not end all, run() ends without it.
+  void cutWhenLate() {
+    goodbye.expires_after(kGoodbyeTime);
+    goodbye.async_wait([this](Error) {
+      forAllConnections([](Connection& c) { c.cut(); });
+      goodbye.expires_after(kCutTime);
+      goodbye.async_wait([this](Error) { io.stop(); });
+    });
+    endWhenAlone();
+  }
+
+  /// The timer above must not keep run() once all have gone.
+  void endWhenAlone() {
+    if (core.connections.empty()) return io.stop();
+    pause.expires_after(std::chrono::milliseconds(5));
+    pause.async_wait([this](Error) { endWhenAlone(); });
+  }
+
+  void startClock() {
+    clockid_t clock{};
+    if (pthread_getcpuclockid(pthread_self(), &clock) != 0) return;
+    cpu_clock = clock;
+    cpu_start = secondsOf(clock);
+    has_clock = true;
+  }
+
+  void stopClock() {
+    if (!has_clock) return;
+    cpu_total = secondsOf(cpu_clock) - cpu_start;
+    has_clock = false;
+  }
+};
+
+Server::Server(const ServerOptions& options, std::vector<StaticFile> files, std::string session_json,
+               ServerHandlers handlers)
+    : implementation_(std::make_unique<Implementation>()) {
+  Implementation& self = *implementation_;
+  bindTo(self.acceptor, checkedEndpoint(options));
+  self.core.options = options;
+  self.core.port = self.acceptor.local_endpoint().port();
+  self.core.cookie_name = fmt::format("palpate-{}", self.core.port);
+  for (StaticFile& file : files) {
+    std::string path = file.path;
+    self.core.files.insert_or_assign(std::move(path), std::move(file));
+  }
+  self.core.session_json = std::move(session_json);
+  self.core.handlers = std::move(handlers);
+  if (options.stop_on_signals) {  // from here on, so that none is missed before run()
+    self.signals.add(SIGINT);
+    self.signals.add(SIGTERM);
+    self.signals.async_wait([&self](Error error, int) {
+      if (!error) self.beginStop();
+    });
+  }
+}
+
+Server::~Server() = default;
+
+unsigned short Server::port() const { return implementation_->core.port; }
+
+std::string Server::url() const {
+  const ServerOptions& options = implementation_->core.options;
+  auto address = asio::ip::make_address(options.address);
+  if (address.is_unspecified()) {
+    address = address.is_v6() ? asio::ip::address(asio::ip::address_v6::loopback())
+                              : asio::ip::address(asio::ip::address_v4::loopback());
+  }
+  return fmt::format("http://{}:{}/{}{}", bracketed(address), port(),
+                     options.token.empty() ? "" : "?token=", options.token);
+}
+
+void Server::addFile(const std::string& file, const std::string& url_path, const std::string& content_type) {
+  if (!std::ifstream(file)) throw InputError(file, "", "cannot be read");
+  implementation_->core.disk_files.insert_or_assign(url_path, DiskFile{file, content_type});
+}
+
+void Server::run() {
+  Implementation& self = *implementation_;
+  struct Ending {
+    Implementation& self;
+    ~Ending() {
+      self.inbox.close();
+      self.stopClock();
+    }
+  } ending{self};
+  self.startClock();
+  self.accept();
+  self.io.run();
+  // Where the goodbye took too long, viewers are left that nobody was told of.
+  while (!self.core.viewers.empty()) self.core.leave(self.core.viewers.begin()->first);
+}
+
+void Server::stop() {
+  asio::post(implementation_->io, [self = implementation_.get()] { self->beginStop(); });
+}
+
+void Server::setGreeting(std::vector<std::pair<bool, Bytes>> messages) {
+  std::erase_if(messages, [](const auto& message) { return !message.second; });
+  implementation_->give(GreetingOrder{std::move(messages)});
+}
+
+void Server::setState(Bytes json) {
+  if (json) implementation_->give(StateOrder{std::move(json)});
+}
+
+void Server::text(Bytes json) {
+  if (json) implementation_->give(TextOrder{std::move(json), std::nullopt});
+}
+
+void Server::textTo(int viewer, Bytes json) {
+  if (json) implementation_->give(TextOrder{std::move(json), viewer});
+}
+
+void Server::frame(unsigned step, Bytes full, Bytes light) {
+  if (full) implementation_->give(ViewerFrame{step, std::move(full), std::move(light)});
+}
+
+void Server::samples(Bytes batch, unsigned ticks) {
+  if (batch) implementation_->give(ViewerSamples{std::move(batch), ticks});
+}
+
+int Server::viewers() const { return implementation_->core.viewer_count; }
+
+double Server::cpuSeconds() const {
+  const Implementation& self = *implementation_;
+  if (self.has_clock) {
+    const double now = secondsOf(self.cpu_clock);
+    if (now >= 0.0) return now - self.cpu_start;  // negative where the thread has just ended
+  }
+  return self.cpu_total;
+}
+
+}  // namespace palpate
