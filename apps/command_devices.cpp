@@ -12,6 +12,7 @@ void list() {
       "simulated    mass and damping of a Phantom Omni, moved by a hand model: {:.3g} kg, {:.2g} N peak, {:.0f} N/m\n"
       "prescribed   follows the scene's keyframes exactly, whatever it feels\n"
       "recorded     replays a motion: --device recorded:FILE (motion.csv of any run)\n"
+      "mouse        the simulated one with your hand at a pointer, a touch screen or a keyboard: palpate view\n"
       "No driver for hardware is built in.\n",
       s.mass, s.limits.peak_force, s.limits.stiffness);
 }

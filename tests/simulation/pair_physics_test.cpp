@@ -351,8 +351,13 @@ TEST(Pile, FrictionTakesAndEnergyDoesNotGrow) {
 TEST(Pile, OrderOfBodiesDoesNotMatter) {
   const std::vector<std::vector<int>> orders{{0, 1, 2, 3}, {3, 2, 1, 0}, {2, 0, 3, 1}};
   constexpr int kSteps = 60;
+  // Then comes a step whose contact problem has two solutions (16 and 15 contacts carry force, residuals of 1e-13 m/s),
+  // as Coulomb's law allows; which is found is decided by rounding.
+  constexpr int kAlike = 28;
   std::vector<World> worlds;
   for (const auto& order : orders) worlds.push_back(pile(order));
+  // what the solver may leave undone would grow from step to step
+  for (World& world : worlds) world.contact.solver.acceptable = 0;
   int most = 0;
   for (int n = 0; n < kSteps; ++n) {
     std::vector<std::vector<Vec3>> places(orders.size(), std::vector<Vec3>(4));
@@ -360,15 +365,15 @@ TEST(Pile, OrderOfBodiesDoesNotMatter) {
       ASSERT_NE(worlds[w].step({}, 0.005).status, StepStatus::restored);
       for (int k = 0; k < 4; ++k) places[w][orders[w][k]] = center(worlds[w].body(k));
     }
-    if (n < 30) most = std::max(most, worlds[0].contacts().active());
-    const double bound = n < 30 ? 1e-9 : n < 50 ? 1e-7 : 1e-5;
+    if (n < kAlike) most = std::max(most, worlds[0].contacts().active());
+    const double bound = n < kAlike ? 1e-9 : 1e-5;
     for (std::size_t w = 1; w < worlds.size(); ++w) {
       for (std::size_t i = 0; i < 4; ++i) {
         EXPECT_LT((places[0][i] - places[w][i]).norm(), bound) << "step " << n << " body " << i;
       }
     }
   }
-  EXPECT_GT(most, 10);  // the pile has formed within the thirty steps
+  EXPECT_GT(most, 10);  // the pile has formed before that
 }
 
 }  // namespace

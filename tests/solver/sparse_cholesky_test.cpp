@@ -136,6 +136,30 @@ TEST_P(SparseCholeskyOf, SolvesAndGivesTheTrailingFactor) {
     EXPECT_LT(relativeError(half.transpose() * half, rhs.transpose() * reference.solve(rhs)), 1e-10);
   }
 
+  // columns on one to five nodes, also one of no node and one twice on the same
+  BlockColumns columns;
+  std::mt19937 random(13);
+  for (int c = 0; c < 25; ++c) {
+    for (int k = 0; k < (c == 3 ? 0 : 1 + c % 5); ++k) {
+      const MatX block = randomColumns(3, 3, static_cast<std::uint32_t>(100 + 5 * c + k));
+      columns.add(static_cast<int>(random() % static_cast<unsigned>(size)), block);
+      if (c == 4 && k == 0) columns.add(columns.node.back(), block);
+    }
+    columns.close();
+  }
+  MatX acting = MatX::Zero(3 * size, 75);
+  for (int c = 0; c < 25; ++c) {
+    for (int k = columns.begin[c]; k < columns.begin[c + 1]; ++k)
+      acting.block<3, 3>(3 * columns.node[k], 3 * c) += columns.block[k];
+  }
+  MatX gram, again;
+  cholesky.gram(columns, gram);
+  ASSERT_EQ(gram.rows(), 75);
+  const MatX full = gram.selfadjointView<Eigen::Lower>();
+  EXPECT_LT(relativeError(full, acting.transpose() * reference.solve(acting)), 1e-10);
+  cholesky.gram(columns, again);
+  EXPECT_EQ(MatX((again - gram).triangularView<Eigen::Lower>()).norm(), 0.0);
+
   // E_c: the last nodes' columns of the identity, in their order
   MatX e = MatX::Zero(3 * size, 3 * last_count);
   for (int k = 0; k < last_count; ++k) e.block<3, 3>(3 * last[k], 3 * k).setIdentity();
@@ -146,9 +170,9 @@ TEST_P(SparseCholeskyOf, SolvesAndGivesTheTrailingFactor) {
   const MatX condensed = e.transpose() * reference.solve(e);  // inverse of the Schur complement
   EXPECT_LT(relativeError(l * l.transpose() * condensed, MatX::Identity(l.rows(), l.rows())), 1e-10);
 
-  for (const int columns : {1, 6}) {
-    const MatX r = randomColumns(3 * last_count, columns, 11);
-    MatX x = MatX::Constant(3 * size, columns, 1e9);  // whatever was there must not matter
+  for (const int count : {1, 6}) {
+    const MatX r = randomColumns(3 * last_count, count, 11);
+    MatX x = MatX::Constant(3 * size, count, 1e9);  // whatever was there must not matter
     cholesky.solveFromTrailing(r, x);
     EXPECT_LT(relativeError(x, reference.solve(e * r)), 1e-10);
   }

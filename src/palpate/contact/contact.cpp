@@ -77,10 +77,18 @@ const std::vector<int>& ContactReduction::choose(const std::vector<Contact>& can
   proposals_.clear();
   chosen_.clear();
   kept_.assign(candidates.size(), 0);
+  pair_.resize(candidates.size());
+  latest_.clear();
+  earlier_.assign(candidates.size(), -1);
   for (std::size_t i = 0; i < order_.size();) {
+    const Contact& head = candidates[order_[i]];
+    const bool other_pair = i == 0 || head.first.body != candidates[order_[i - 1]].first.body ||
+                            head.partner != candidates[order_[i - 1]].partner;
+    if (other_pair) latest_.push_back(-1);
     std::size_t end = i;
     while (end < order_.size() && samePatch(candidates[order_[i]], candidates[order_[end]])) {
       const int c = order_[end++];
+      pair_[c] = static_cast<int>(latest_.size()) - 1;
       if (!std::binary_search(kept.begin(), kept.end(), candidates[c].track)) continue;
       kept_[c] = 1;
       proposals_.push_back(c);
@@ -104,15 +112,20 @@ const std::vector<int>& ContactReduction::choose(const std::vector<Contact>& can
     if (candidates[a].end_gap != candidates[b].end_gap) return candidates[a].end_gap < candidates[b].end_gap;
     return std::tuple(candidates[a].key, a) < std::tuple(candidates[b].key, b);
   });
+  taken_.assign(candidates.size(), 0);
   for (const int i : proposals_) {
     const Contact& c = candidates[i];
-    const bool crowded = std::any_of(chosen_.begin(), chosen_.end(), [&](int j) {
+    int& latest = latest_[pair_[i]];
+    bool crowded = taken_[i] != 0;
+    for (int j = kept_[i] ? -1 : latest; j >= 0 && !crowded; j = earlier_[j]) {
       const Contact& o = candidates[j];
-      return i == j ||
-             (!kept_[i] && o.first.body == c.first.body && o.partner == c.partner &&
-              o.normal.dot(c.normal) > kSameFacing && (c.position - o.position).squaredNorm() < spacing * spacing);
-    });
-    if (!crowded) chosen_.push_back(i);
+      crowded = o.normal.dot(c.normal) > kSameFacing && (c.position - o.position).squaredNorm() < spacing * spacing;
+    }
+    if (crowded) continue;
+    taken_[i] = 1;
+    earlier_[i] = latest;
+    latest = i;
+    chosen_.push_back(i);
   }
   return chosen_;
 }

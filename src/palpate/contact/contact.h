@@ -99,7 +99,8 @@ class ContactReduction {
   void extremePoints(const std::vector<Contact>& all, std::size_t begin, std::size_t end);
 
   std::vector<int> order_, proposals_, chosen_;
-  std::vector<char> kept_;
+  std::vector<char> kept_, taken_;
+  std::vector<int> pair_, latest_, earlier_;  // pair of surfaces of a candidate; its last chosen; the one before that
 };
 
 }  // namespace palpate

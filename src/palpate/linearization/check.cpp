@@ -401,7 +401,7 @@ class SlowStep {
 double slowestSlip(const ContactSet& set) {
   double slowest = std::numeric_limits<double>::infinity();
   if (set.contacts.empty()) return slowest;
-  const VecX velocity = set.delassus * set.impulse + set.free;
+  const VecX velocity = set.rowVelocity();
   for (std::size_t i = 0; i < set.contacts.size(); ++i) {
     if (set.status[i].state != ContactState::slide || !(set.contacts[i].friction > 0)) continue;
     slowest = std::min(slowest, velocity.segment<2>(static_cast<Eigen::Index>(3 * i + 1)).norm());

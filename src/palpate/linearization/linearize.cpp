@@ -12,6 +12,7 @@ namespace palpate {
 namespace {
 
 using Mat6X = Eigen::Matrix<double, 6, Eigen::Dynamic>;
+using ConstMap = Eigen::Ref<const MatX>;
 using Mat612 = Eigen::Matrix<double, 6, 12>;  // columns: six by pose, six by twist
 
 /// -dr/dinput of the handle's rows at fixed u, v_t, lambda, without the tool's elastic forces.
@@ -75,23 +76,24 @@ struct HandleContactTurn {
   Mat6 wrench = Mat6::Zero();  ///< d(J_h^T) lambda by pose
 };
 
-HandleContactTurn handleContactTurn(const Body& tool, const ContactSet& set, int self) {
+HandleContactTurn handleContactTurn(const Body& tool, const ContactSet& set, const std::vector<int>& own, int self) {
   HandleContactTurn out;
-  out.rows.setZero(static_cast<Eigen::Index>(3 * set.contacts.size()), 6);
+  out.rows.setZero(static_cast<Eigen::Index>(3 * own.size()), 6);
   const Mat3 r = tool.startPose().matrix();
   const Vec3 w = tool.endTwist().tail<3>();
-  for (std::size_t i = 0; i < set.contacts.size(); ++i) {
-    const auto row = static_cast<Eigen::Index>(3 * i);
+  for (std::size_t k = 0; k < own.size(); ++k) {
+    const auto row = static_cast<Eigen::Index>(3 * k);
+    const int i = own[k];
     const Mat3 frame = set.contacts[i].frame();
-    const Vec3 impulse = frame.transpose() * set.impulse.segment<3>(row);
+    const Vec3 impulse = frame.transpose() * set.impulse.segment<3>(3 * i);
     const auto addPoint = [&](const ContactPoint& point, double sign) {
       if (point.body != self) return;
-      for (int k = 0; k < point.count; ++k) {
-        const int index = tool.attachedIndex()[point.node[k]];
+      for (int n = 0; n < point.count; ++n) {
+        const int index = tool.attachedIndex()[point.node[n]];
         if (index < 0) continue;
         const Mat3 lever = skew(r * tool.handle().offsets[index]);
-        out.rows.block<3, 3>(row, 3) -= sign * point.weight[k] * frame * skew(w) * lever;
-        out.wrench.bottomRightCorner<3, 3>() += sign * point.weight[k] * skew(impulse) * lever;
+        out.rows.block<3, 3>(row, 3) -= sign * point.weight[n] * frame * skew(w) * lever;
+        out.wrench.bottomRightCorner<3, 3>() += sign * point.weight[n] * skew(impulse) * lever;
       }
     };
     addPoint(set.contacts[i].first, 1.0);
@@ -100,25 +102,16 @@ HandleContactTurn handleContactTurn(const Body& tool, const ContactSet& set, int
   return out;
 }
 
-// The tool's and handle's own part of W. With contacts decoupled from each other, other bodies drop out of the model
-// (paper, section 3.5): they are taken to go their way whatever the tool does. Their compliance alone, without what
-// holds them, would let a body that stands on the ground float away under the tool.
-MatX toolDelassus(const Body& tool, const Body::ContactRows& own, std::size_t contact_count) {
-  MatX part = own.z.transpose() * tool.handleSchurInverse() * own.z;
-  if (own.half.rows() > 0) part.noalias() += own.half.transpose() * own.half;
-  return own.spread(own.spread(part, contact_count).transpose(), contact_count);
-}
-
-// Active contacts of the tool whose normal rows are independent: pivoted Cholesky of W_nn, dropping what others
-// determine to a tenth.
-std::vector<char> wellConditioned(const ContactSet& set, const std::vector<int>& own, const MatX& delassus) {
+// Active contacts whose normal rows are independent: pivoted Cholesky of W_nn, dropping what others determine to a
+// tenth. Of W the lower triangle is read.
+std::vector<char> wellConditioned(const std::vector<ContactStatus>& status, const MatX& delassus) {
   constexpr double kIndependent = 0.1;  // of the contact's own compliance, once those chosen before it are held
   std::vector<int> active;
-  for (const int i : own) {
-    if (set.status[i].state != ContactState::open) active.push_back(i);
+  for (std::size_t i = 0; i < status.size(); ++i) {
+    if (status[i].state != ContactState::open) active.push_back(static_cast<int>(i));
   }
   const auto n = static_cast<Eigen::Index>(active.size());
-  std::vector<char> chosen(set.contacts.size(), 0);
+  std::vector<char> chosen(status.size(), 0);
   if (n == 0) return chosen;
   VecX rest(n);
   for (Eigen::Index i = 0; i < n; ++i) rest[i] = delassus(3 * active[i], 3 * active[i]);
@@ -129,7 +122,9 @@ std::vector<char> wellConditioned(const ContactSet& set, const std::vector<int>&
     const double share = rest.cwiseQuotient(full.cwiseMax(1e-300)).maxCoeff(&pivot);
     if (!(share > kIndependent)) break;
     chosen[active[pivot]] = 1;
-    for (Eigen::Index i = 0; i < n; ++i) factor(i, k) = delassus(3 * active[i], 3 * active[pivot]);
+    for (Eigen::Index i = 0; i < n; ++i) {
+      factor(i, k) = delassus(3 * std::max(active[i], active[pivot]), 3 * std::min(active[i], active[pivot]));
+    }
     if (k > 0) factor.col(k) -= factor.leftCols(k) * factor.row(pivot).head(k).transpose();
     factor.col(k) /= std::sqrt(rest[pivot]);
     rest -= factor.col(k).cwiseAbs2();
@@ -138,18 +133,19 @@ std::vector<char> wellConditioned(const ContactSet& set, const std::vector<int>&
   return chosen;
 }
 
-// Active contacts that the tool's motion reaches: its own, those of the bodies that it touches, and so on.
-std::vector<char> reached(const ContactSet& set, int tool) {
+// Active contacts of the island that the tool's motion reaches: its own, those of the bodies that it touches, and so
+// on. Contacts that are open connect nothing here.
+std::vector<char> reached(const ContactSet& set, const std::vector<int>& island, int tool) {
   std::vector<int> bodies{tool};
-  std::vector<char> out(set.contacts.size(), 0);
+  std::vector<char> out(island.size(), 0);
   const auto known = [&](const ContactPoint& point) {
     return point.body >= 0 && std::find(bodies.begin(), bodies.end(), point.body) != bodies.end();
   };
   for (std::size_t before = 0; before < bodies.size();) {
     before = bodies.size();
     for (std::size_t i = 0; i < out.size(); ++i) {
-      const Contact& c = set.contacts[i];
-      if (out[i] || set.status[i].state == ContactState::open || !(known(c.first) || known(c.second))) continue;
+      const Contact& c = set.contacts[island[i]];
+      if (out[i] || set.status[island[i]].state == ContactState::open || !(known(c.first) || known(c.second))) continue;
       out[i] = 1;
       for (const ContactPoint* point : {&c.first, &c.second}) {
         if (point->body >= 0 && !known(*point)) bodies.push_back(point->body);
@@ -159,11 +155,15 @@ std::vector<char> reached(const ContactSet& set, int tool) {
   return out;
 }
 
-// dlambda for given changes of the rows' free velocity and of the constraint, [rows x 12]
+// dlambda for given changes of the rows' free velocity and of the constraint, [rows x 12]. Of W the lower triangle of
+// the contacts' own blocks is read, for the exact model all of it.
 MatX impulseResponse(const ContactResponse& law, const MatX& delassus, DelassusModel model, const MatX& free_change,
                      const MatX& given) {
   const Eigen::Index n = law.d.size();
   const auto row = [&](Eigen::Index k) { return static_cast<Eigen::Index>(3 * law.contact[k]); };
+  const auto compliance = [&](Eigen::Index k) -> Mat3 {
+    return delassus.block<3, 3>(row(k), row(k)).selfadjointView<Eigen::Lower>();
+  };
   MatX right(n, 12);
   for (Eigen::Index k = 0; k < n; ++k) {
     right.row(k) = law.c.col(k).transpose() * (given.middleRows<3>(row(k)) - free_change.middleRows<3>(row(k)));
@@ -171,7 +171,7 @@ MatX impulseResponse(const ContactResponse& law, const MatX& delassus, DelassusM
   MatX y(n, 12);
   if (model == DelassusModel::diagonal) {
     for (Eigen::Index k = 0; k < n; ++k) {
-      y.row(k) = right.row(k) / (law.c.col(k).dot(delassus.block<3, 3>(row(k), row(k)) * law.b.col(k)) + law.d[k]);
+      y.row(k) = right.row(k) / (law.c.col(k).dot(compliance(k) * law.b.col(k)) + law.d[k]);
     }
   } else {
     MatX q(n, n);
@@ -184,7 +184,7 @@ MatX impulseResponse(const ContactResponse& law, const MatX& delassus, DelassusM
     // force. Not relative to D, which is huge where a contact slides fast under next to no force.
     constexpr double kShift = 1e-11;
     for (Eigen::Index k = 0; k < n; ++k) {
-      q(k, k) += law.d[k] + kShift * law.c.col(k).dot(delassus.block<3, 3>(row(k), row(k)) * law.c.col(k));
+      q(k, k) += law.d[k] + kShift * law.c.col(k).dot(compliance(k) * law.c.col(k));
     }
     y = q.partialPivLu().solve(right);
   }
@@ -193,23 +193,36 @@ MatX impulseResponse(const ContactResponse& law, const MatX& delassus, DelassusM
   return dlambda;
 }
 
+// Rows of `own` contacts at their place among the rows of the given `list`, [rows x columns]; both increasing.
+MatX spread(const ConstMap& rows, const std::vector<int>& own, const std::vector<int>& list) {
+  if (own.size() == list.size()) return rows;
+  MatX out = MatX::Zero(static_cast<Eigen::Index>(3 * list.size()), rows.cols());
+  std::size_t at = 0;
+  for (std::size_t k = 0; k < own.size(); ++k, ++at) {
+    while (list[at] != own[k]) ++at;
+    out.middleRows<3>(static_cast<Eigen::Index>(3 * at)) = rows.middleRows<3>(static_cast<Eigen::Index>(3 * k));
+  }
+  return out;
+}
+
 }  // namespace
 
-ContactResponse contactResponse(const ContactSet& set, const std::vector<char>& used, const FrictionCone& cone,
-                                const VecX& row_velocity) {
+ContactResponse contactResponse(const ContactSet& set, const std::vector<int>& list, const std::vector<char>& used,
+                                const FrictionCone& cone, const VecX& row_velocity) {
   ContactResponse out;
-  const auto capacity = static_cast<Eigen::Index>(3 * set.contacts.size());
+  const auto capacity = static_cast<Eigen::Index>(3 * list.size());
   out.b.resize(3, capacity);
   out.c.resize(3, capacity);
   out.d.resize(capacity);
   Eigen::Index n = 0;
-  for (std::size_t i = 0; i < set.contacts.size(); ++i) {
-    if (!used[i]) continue;
-    const auto row = static_cast<Eigen::Index>(3 * i);
+  for (std::size_t at = 0; at < list.size(); ++at) {
+    if (!used[at]) continue;
+    const auto row = static_cast<Eigen::Index>(3 * at);
+    const int i = list[at];
     const double mu = set.contacts[i].friction;
     const Vec3 normal = Vec3::UnitX();
     const auto add = [&](const Vec3& b, const Vec3& c, double d) {
-      out.contact.push_back(static_cast<int>(i));
+      out.contact.push_back(static_cast<int>(at));
       out.b.col(n) = b;
       out.c.col(n) = c;
       out.d[n++] = d;
@@ -231,7 +244,7 @@ ContactResponse contactResponse(const ContactSet& set, const std::vector<char>& 
         break;
       }
       case ContactState::slide: {
-        const double normal_impulse = set.impulse[row];
+        const double normal_impulse = set.impulse[3 * i];
         const Vec3 slip(0, row_velocity[row + 1], row_velocity[row + 2]);
         const double speed = slip.norm();
         if (mu == 0 || speed == 0 || normal_impulse <= 0) {
@@ -285,7 +298,7 @@ HandleModel linearize(World& world, const LinearizationSettings& settings, doubl
   Mat6 tool_part = scale * q;                                    // X^T db_t by pose
   Mat6 handle_part = inputs.pose - h * tool.handleStiffness() + h * forces.lever_start;
   Mat6 force_part = -tool.handleStiffness() + forces.lever_end;  // dFc/dpose at fixed u, v_t
-  MatX extra_rows;                                               // J_t A_tt^-1 of the full derivative's extra columns
+  MatX extra_rows;  // J_t A_tt^-1 of the full derivative's extra columns, of the tool's contacts
   HandleContactTurn turn;
   if (full) {
     const RotationTerms terms = rotationTerms(tool);
@@ -294,12 +307,11 @@ HandleModel linearize(World& world, const LinearizationSettings& settings, doubl
     handle_part += h * (terms.handle + forces.lever_end - forces.lever_start);
     force_part += terms.handle;
     if (touching) {
-      turn = handleContactTurn(tool, set, world.toolIndex());
+      turn = handleContactTurn(tool, set, own->contacts, world.toolIndex());
       handle_part += turn.wrench;
       force_part += turn.wrench / h;
-      tool.factor().halfSolve(response);
-      const MatX columns = response.bottomRows(own->half.rows()).transpose() * own->half;
-      extra_rows = own->spread(columns, set.contacts.size()).transpose();
+      tool.factor().solve(response);
+      extra_rows = tool.rowVelocity(set.contacts, own->contacts, world.toolIndex(), response);
     }
   }
   Mat612 b_h;
@@ -314,28 +326,38 @@ HandleModel linearize(World& world, const LinearizationSettings& settings, doubl
   Mat612 a_ht_dv = x_b;
   Mat612 handle_dlambda = Mat612::Zero();  // J_h^T dlambda
   if (touching) {
-    // rows of all contacts: through W a contact of the tool answers for those of the bodies that it pushes
-    const Mat6X handle = own->spread(own->handle, set.contacts.size());
-    const Mat6X z = own->spread(own->z, set.contacts.size());
+    // `hsl`: of the tool's contacts and its own part of W. With contacts decoupled from each other, other bodies drop
+    // out of the model (paper, section 3.5): they are taken to go their way whatever the tool does. Their compliance
+    // alone, without what holds them, would let a body that stands on the ground float away under the tool.
+    // `hsl-exact`: of the tool's island, as through W a contact of the tool answers for those of the bodies that it
+    // pushes. What other islands do does not depend on the handle.
+    const bool diagonal = settings.delassus == DelassusModel::diagonal;
+    const ContactIsland& island = set.islands[set.island[own->contacts.front()]];
+    const std::vector<int>& list = diagonal ? own->contacts : island.contacts;
+    const MatX& delassus = diagonal ? own->delassus : island.delassus;
+    const Mat6X handle = spread(own->handle.transpose(), own->contacts, list).transpose();
+    const Mat6X z = spread(own->z.transpose(), own->contacts, list).transpose();
     const Mat6X j_t_x = handle - z;  // (J_t X)^T
     MatX free_change = z.transpose() * du;
     free_change.leftCols<6>() += scale * j_t_x.transpose();
     MatX given = MatX::Zero(free_change.rows(), 12);
     for (Eigen::Index r = 0; r < given.rows(); r += 3) {
-      if (!set.contacts[r / 3].capped) given.row(r).head<6>() = -handle.col(r).transpose() / h;
+      if (!set.contacts[list[r / 3]].capped) given.row(r).head<6>() = -handle.col(r).transpose() / h;
     }
-    const VecX row_velocity = set.delassus * set.impulse + set.free;
     if (full) {
-      free_change.leftCols<6>() += extra_rows;
-      given.leftCols<6>() -= turn.rows;
+      free_change.leftCols<6>() += spread(extra_rows, own->contacts, list);
+      given.leftCols<6>() -= spread(turn.rows, own->contacts, list);
     }
-    const bool diagonal = settings.delassus == DelassusModel::diagonal;
-    const MatX tool_only = diagonal ? toolDelassus(tool, *own, set.contacts.size()) : MatX();
-    const std::vector<char> used =
-        diagonal ? wellConditioned(set, own->contacts, tool_only) : reached(set, world.toolIndex());
-    const ContactResponse law = contactResponse(set, used, world.contact.cone, row_velocity);
-    const MatX dlambda =
-        impulseResponse(law, diagonal ? tool_only : set.delassus, settings.delassus, free_change, given);
+    const VecX island_velocity = set.rowVelocity(island);
+    VecX row_velocity(static_cast<Eigen::Index>(3 * list.size()));
+    std::vector<ContactStatus> status;
+    for (std::size_t k = 0; k < list.size(); ++k) {
+      row_velocity.segment<3>(static_cast<Eigen::Index>(3 * k)) = island_velocity.segment<3>(3 * set.place[list[k]]);
+      status.push_back(set.status[list[k]]);
+    }
+    const std::vector<char> used = diagonal ? wellConditioned(status, delassus) : reached(set, list, world.toolIndex());
+    const ContactResponse law = contactResponse(set, list, used, world.contact.cone, row_velocity);
+    const MatX dlambda = impulseResponse(law, delassus, settings.delassus, free_change, given);
     handle_dlambda = handle * dlambda;
     du += tool.handleSchurInverse() * (z * dlambda);
     a_ht_dv += j_t_x * dlambda;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 #include <utility>
 
 #include "palpate/common/error.h"
@@ -35,18 +36,10 @@ Body::Body(std::string name, SimulationMesh mesh, const Material& material, doub
   a_ = fem_.pattern(row_);
 }
 
-MatX Body::ContactRows::gather(const MatX& all) const {
-  MatX out(static_cast<Eigen::Index>(3 * contacts.size()), all.cols());
+VecX Body::ContactRows::gather(const VecX& all) const {
+  VecX out(static_cast<Eigen::Index>(3 * contacts.size()));
   for (std::size_t k = 0; k < contacts.size(); ++k) {
-    out.middleRows<3>(static_cast<Eigen::Index>(3 * k)) = all.middleRows<3>(3 * contacts[k]);
-  }
-  return out;
-}
-
-MatX Body::ContactRows::spread(const MatX& own, std::size_t contact_count) const {
-  MatX out = MatX::Zero(own.rows(), static_cast<Eigen::Index>(3 * contact_count));
-  for (std::size_t k = 0; k < contacts.size(); ++k) {
-    out.middleCols<3>(3 * contacts[k]) = own.middleCols<3>(static_cast<Eigen::Index>(3 * k));
+    out.segment<3>(static_cast<Eigen::Index>(3 * k)) = all.segment<3>(3 * contacts[k]);
   }
   return out;
 }
@@ -199,18 +192,33 @@ void Body::assembleHandle() {
   twist0_ = hd.twist;
   a_th_.setZero(3 * freeNodes(), 6);
   gkg_.setZero();
+  const Mat3 rotation = hd.pose.matrix();
   for (const int index : boundary_) {
     const ElasticElement& e = fem_.elements()[index];
     const auto c = e.rotatedGradients();
+    std::array<Vec3, 4> arm;
+    // sum of K_ij G_j over the attached nodes j, G_j = [I, -[r_j]x]: as K_ij is made of products of gradients, so is
+    // the sum, of the gradients' sum, moment and sum of c_j r_j^T
+    Vec3 sum = Vec3::Zero(), moment = Vec3::Zero();
+    Mat3 spread = Mat3::Zero();
+    for (int j = 0; j < 4; ++j) {
+      if (attached_[e.node[j]] < 0) continue;
+      arm[j] = rotation * hd.offsets[attached_[e.node[j]]];
+      sum += c[j];
+      moment += arm[j].cross(c[j]);
+      spread += c[j] * arm[j].transpose();
+    }
     for (int i = 0; i < 4; ++i) {
-      Eigen::Matrix<double, 3, 6> kg = Eigen::Matrix<double, 3, 6>::Zero();
-      for (int j = 0; j < 4; ++j) {
-        if (attached_[e.node[j]] >= 0) kg += e.stiffness(c, i, j) * hd.jacobian(attached_[e.node[j]]);
-      }
+      Eigen::Matrix<double, 3, 6> kg;
+      kg.leftCols<3>() = e.lambda * c[i] * sum.transpose() + e.mu * sum * c[i].transpose();
+      kg.leftCols<3>().diagonal().array() += e.mu * c[i].dot(sum);
+      kg.rightCols<3>() =
+          e.lambda * c[i] * moment.transpose() + e.mu * (spread * skew(c[i]) - skew(spread.transpose() * c[i]));
       if (row_[e.node[i]] >= 0) {
         a_th_.middleRows<3>(3 * row_[e.node[i]]) += c_ * kg;
       } else {
-        gkg_ += hd.jacobian(attached_[e.node[i]]).transpose() * kg;
+        gkg_.topRows<3>() += kg;
+        gkg_.bottomRows<3>() += skew(arm[i]) * kg;
       }
     }
   }
@@ -262,11 +270,11 @@ bool Body::contactNodesFit(const std::vector<int>& needed) {
   constexpr int kPatience = 20;  // steps
   const bool surplus = static_cast<int>(contact_nodes_.size()) > 3 * free + kSlack;
   surplus_steps_ = surplus ? surplus_steps_ + 1 : 0;
-  return analyzed_ && missing == 0 && surplus_steps_ < kPatience;
+  return analyzed_ && (missing == 0 || !nodes_last_) && surplus_steps_ < kPatience;
 }
 
 bool Body::lacksNodes(const ContactPoint& point, int self) const {
-  if (point.body != self) return false;
+  if (point.body != self || !nodes_last_) return false;
   for (int k = 0; k < point.count; ++k) {
     if (row_[point.node[k]] >= 0 && trailing_[point.node[k]] < 0) return true;
   }
@@ -274,6 +282,7 @@ bool Body::lacksNodes(const ContactPoint& point, int self) const {
 }
 
 void Body::orderContactNodes(const std::vector<int>& nodes) {
+  constexpr std::size_t kMany = 64;  // nodes; fewer are last in any case
   surplus_steps_ = 0;
   contact_nodes_.clear();
   std::fill(trailing_.begin(), trailing_.end(), -1);
@@ -285,7 +294,19 @@ void Body::orderContactNodes(const std::vector<int>& nodes) {
   std::vector<int> rows;
   rows.reserve(contact_nodes_.size());
   for (const int n : contact_nodes_) rows.push_back(row_[n]);
+  nodes_last_ = true;
   if (!free_.empty()) factor_.analyze(a_, rows);
+  if (rows.size() >= kMany) {
+    // operations of the factor and of W for a contact on each node, either way
+    const double dense = 3.0 * static_cast<double>(rows.size());
+    const double last = factor_.statistics().flops + 2.0 * dense * dense * dense;
+    SparseCholesky anywhere;
+    anywhere.analyze(a_);
+    if (anywhere.statistics().flops + anywhere.gramOperations(rows) < last) {
+      factor_ = std::move(anywhere);
+      nodes_last_ = false;
+    }
+  }
   analyzed_ = true;
   ++analyses_;
 }
@@ -310,19 +331,18 @@ void Body::solveFree() {
   u_end_ = u_free_;
 }
 
-void Body::predict(const std::vector<Contact>& contacts, int self, const VecX& impulse) {
+// Contact impulses on the free nodes, into prediction_, and on the handle; whether there are any.
+bool Body::addImpulses(const std::vector<Contact>& contacts, const std::vector<int>& own, int self, const VecX& impulse,
+                       Vec6& on_handle) {
   prediction_.setZero(3 * freeNodes(), 1);
-  Vec6 on_handle = Vec6::Zero();
-  bool touched = false;
-  for (std::size_t i = 0; i < contacts.size(); ++i) {
+  on_handle.setZero();
+  for (const int i : own) {
+    const Vec3 world = contacts[i].frame().transpose() * impulse.segment<3>(3 * i);
     const auto addPoint = [&](const ContactPoint& point, double sign) {
       if (point.body != self) return;
-      touched = true;
-      const Vec3 world =
-          sign * (contacts[i].frame().transpose() * impulse.segment<3>(static_cast<Eigen::Index>(3 * i)));
       for (int k = 0; k < point.count; ++k) {
         const int node = point.node[k];
-        const Vec3 share = point.weight[k] * world;
+        const Vec3 share = sign * point.weight[k] * world;
         if (row_[node] >= 0) {
           prediction_.block<3, 1>(3 * row_[node], 0) += share;
         } else {
@@ -333,9 +353,14 @@ void Body::predict(const std::vector<Contact>& contacts, int self, const VecX& i
     addPoint(contacts[i].first, 1.0);
     addPoint(contacts[i].second, -1.0);
   }
+  return !own.empty();
+}
+
+void Body::predict(const std::vector<Contact>& contacts, const std::vector<int>& own, int self, const VecX& impulse) {
+  Vec6 on_handle;
   v_end_ = v_free_;
   u_end_ = u_free_;
-  if (!touched) return;
+  if (!addImpulses(contacts, own, self, impulse, on_handle)) return;
   if (!free_.empty()) factor_.solve(prediction_);
   v_end_ += prediction_.col(0);
   if (framed()) {
@@ -353,52 +378,128 @@ void Body::solveFreeAgain() {
   u_end_ = u;
 }
 
-void Body::addDelassus(const std::vector<Contact>& contacts, int self, ContactRows& rows, MatX& delassus) {
-  rows.contacts.clear();
-  for (std::size_t i = 0; i < contacts.size(); ++i) {
-    if (contacts[i].first.body == self || contacts[i].second.body == self) rows.contacts.push_back(static_cast<int>(i));
+// Appends J_t^T of a contact to columns_, and sets its columns of J_h^T and z.
+void Body::addColumns(const Contact& c, int self, Eigen::Index column, ContactRows& rows) {
+  const Mat3 frame = c.frame().transpose();
+  if (framed()) {
+    rows.handle.middleCols<3>(column).setZero();
+    rows.z.middleCols<3>(column).setZero();
   }
+  const auto addPoint = [&](const ContactPoint& point, double sign) {
+    if (point.body != self) return;
+    for (int k = 0; k < point.count; ++k) {
+      const int node = point.node[k];
+      const Mat3 block = sign * point.weight[k] * frame;
+      if (row_[node] >= 0) {
+        columns_.add(row_[node], block);
+        if (framed()) rows.z.middleCols<3>(column) -= x_th_.middleRows<3>(3 * row_[node]).transpose() * block;
+      } else {
+        rows.handle.middleCols<3>(column) += handle_->jacobian(attached_[node]).transpose() * block;
+      }
+    }
+  };
+  addPoint(c.first, 1.0);
+  addPoint(c.second, -1.0);
+  columns_.close();
+  if (framed()) rows.z.middleCols<3>(column) += rows.handle.middleCols<3>(column);
+}
+
+void Body::contactRows(const std::vector<Contact>& contacts, int self, const std::vector<char>& changed,
+                       ContactRows& rows) {
   const auto count = static_cast<Eigen::Index>(3 * rows.contacts.size());
-  rows.trailing.setZero(static_cast<Eigen::Index>(3 * contact_nodes_.size()), count);
-  rows.handle.setZero(6, count);
-  if (framed()) rows.z.setZero(6, count);
-  rows.half = rows.trailing;
-  if (count == 0) return;
-  for (std::size_t own = 0; own < rows.contacts.size(); ++own) {
-    const Contact& c = contacts[rows.contacts[own]];
-    const auto column = static_cast<Eigen::Index>(3 * own);
-    const Mat3 frame = c.frame().transpose();
+  changed_.clear();
+  for (std::size_t k = 0; k < rows.contacts.size(); ++k) {
+    if (k >= rows.known || changed[rows.contacts[k]]) changed_.push_back(static_cast<int>(k));
+  }
+  rows.known = rows.contacts.size();
+  if (changed_.empty()) return;
+  // a changed contact costs a solve with three columns; beyond some share of them all columns at once are cheaper
+  constexpr std::size_t kFew = 4;
+  const bool few = kFew * changed_.size() < rows.contacts.size();
+  if (!few) {
+    changed_.resize(rows.contacts.size());
+    std::iota(changed_.begin(), changed_.end(), 0);
+  }
+  if (framed()) {
+    rows.handle.conservativeResize(6, count);
+    rows.z.conservativeResize(6, count);
+  }
+  columns_.clear();
+  for (const int k : changed_) addColumns(contacts[rows.contacts[k]], self, 3 * k, rows);
+  if (few) {
+    rows.delassus.conservativeResize(count, count);
+    updateDelassus(contacts, self, rows);
+  } else {
+    formDelassus(rows);
+  }
+}
+
+// All of it, from columns_.
+void Body::formDelassus(ContactRows& rows) {
+  const auto count = static_cast<Eigen::Index>(3 * rows.contacts.size());
+  if (free_.empty()) {
+    rows.delassus.setZero(count, count);
+  } else if (!nodes_last_) {
+    factor_.gram(columns_, rows.delassus);
+  } else {
+    half_.setZero(static_cast<Eigen::Index>(3 * contact_nodes_.size()), count);
+    for (Eigen::Index c = 0; c < columns_.size(); ++c) {
+      for (int k = columns_.begin[c]; k < columns_.begin[c + 1]; ++k) {
+        half_.block<3, 3>(3 * trailing_[free_[columns_.node[k]]], 3 * c) += columns_.block[k];
+      }
+    }
+    rows.delassus.setZero(count, count);
+    // Eigen divides by the number of rows to choose its blocks
+    if (half_.rows() > 0) {
+      factor_.trailing().triangularView<Eigen::Lower>().solveInPlace(half_);
+      rows.delassus.selfadjointView<Eigen::Lower>().rankUpdate(half_.transpose());
+    }
+  }
+  if (framed()) rows.delassus.triangularView<Eigen::Lower>() += rows.z.transpose() * (s_inverse_ * rows.z);
+}
+
+// Rows and columns of the changed contacts, by a solve with their columns.
+void Body::updateDelassus(const std::vector<Contact>& contacts, int self, ContactRows& rows) {
+  response_.setZero(3 * freeNodes(), 3 * columns_.size());
+  for (Eigen::Index c = 0; c < columns_.size(); ++c) {
+    for (int k = columns_.begin[c]; k < columns_.begin[c + 1]; ++k) {
+      response_.block<3, 3>(3 * columns_.node[k], 3 * c) += columns_.block[k];
+    }
+  }
+  if (!free_.empty()) factor_.solve(response_);
+  image_ = rowVelocity(contacts, rows.contacts, self, response_);
+  if (framed()) {
+    for (std::size_t c = 0; c < changed_.size(); ++c) {
+      image_.middleCols<3>(static_cast<Eigen::Index>(3 * c)) +=
+          rows.z.transpose() * (s_inverse_ * rows.z.middleCols<3>(3 * changed_[c]));
+    }
+  }
+  for (std::size_t c = 0; c < changed_.size(); ++c) {
+    const Eigen::Index own = 3 * changed_[c];
+    const auto column = image_.middleCols<3>(static_cast<Eigen::Index>(3 * c));
+    rows.delassus.block(own, own, rows.delassus.rows() - own, 3) = column.bottomRows(rows.delassus.rows() - own);
+    rows.delassus.block(own, 0, 3, own) = column.topRows(own).transpose();
+  }
+}
+
+MatX Body::rowVelocity(const std::vector<Contact>& contacts, const std::vector<int>& own, int self,
+                       const MatX& v) const {
+  MatX out = MatX::Zero(static_cast<Eigen::Index>(3 * own.size()), v.cols());
+  for (std::size_t i = 0; i < own.size(); ++i) {
+    const Contact& c = contacts[own[i]];
+    auto rows = out.middleRows<3>(static_cast<Eigen::Index>(3 * i));
     const auto addPoint = [&](const ContactPoint& point, double sign) {
       if (point.body != self) return;
       for (int k = 0; k < point.count; ++k) {
-        const int node = point.node[k];
-        const Mat3 block = sign * point.weight[k] * frame;
-        if (row_[node] >= 0) {
-          rows.trailing.block<3, 3>(3 * trailing_[node], column) += block;
-          if (framed()) rows.z.middleCols<3>(column) -= x_th_.middleRows<3>(3 * row_[node]).transpose() * block;
-        } else {
-          rows.handle.middleCols<3>(column) += handle_->jacobian(attached_[node]).transpose() * block;
-        }
+        if (row_[point.node[k]] >= 0) rows += sign * point.weight[k] * v.middleRows<3>(3 * row_[point.node[k]]);
       }
     };
     addPoint(c.first, 1.0);
     addPoint(c.second, -1.0);
+    const Mat3 frame = c.frame();
+    for (Eigen::Index k = 0; k < rows.cols(); ++k) rows.col(k) = (frame * rows.col(k)).eval();
   }
-  rows.half = rows.trailing;
-  if (rows.half.rows() > 0) factor_.trailing().triangularView<Eigen::Lower>().solveInPlace(rows.half);
-  product_.setZero(count, count);
-  // a rigid body has no such rows; Eigen divides by their number to choose its blocks
-  if (rows.half.rows() > 0) product_.selfadjointView<Eigen::Lower>().rankUpdate(rows.half.transpose());
-  if (framed()) {
-    rows.z += rows.handle;
-    product_.triangularView<Eigen::Lower>() += rows.z.transpose() * (s_inverse_ * rows.z);
-  }
-  for (std::size_t j = 0; j < rows.contacts.size(); ++j) {
-    for (std::size_t i = j; i < rows.contacts.size(); ++i) {
-      delassus.block<3, 3>(3 * rows.contacts[i], 3 * rows.contacts[j]) +=
-          product_.block<3, 3>(static_cast<Eigen::Index>(3 * i), static_cast<Eigen::Index>(3 * j));
-    }
-  }
+  return out;
 }
 
 void Body::nodeVelocity(const ContactPoint& point, const VecX& v, const Vec6& u, Vec3& out) const {
@@ -413,10 +514,11 @@ void Body::nodeVelocity(const ContactPoint& point, const VecX& v, const Vec6& u,
   }
 }
 
-void Body::addFreeRowVelocity(const std::vector<Contact>& contacts, int self, VecX& velocity) const {
+void Body::addFreeRowVelocity(const std::vector<Contact>& contacts, const std::vector<int>& own, int self,
+                              VecX& velocity) const {
   Vec3 v;
-  for (std::size_t i = 0; i < contacts.size(); ++i) {
-    auto rows = velocity.segment<3>(static_cast<Eigen::Index>(3 * i));
+  for (const int i : own) {
+    auto rows = velocity.segment<3>(3 * i);
     if (contacts[i].first.body == self) {
       nodeVelocity(contacts[i].first, v_free_, u_free_, v);
       rows += contacts[i].frame() * v;
@@ -428,19 +530,26 @@ void Body::addFreeRowVelocity(const std::vector<Contact>& contacts, int self, Ve
   }
 }
 
-void Body::applyImpulse(const ContactRows& rows, const VecX& lambda) {
+void Body::applyImpulse(const std::vector<Contact>& contacts, const ContactRows& rows, int self, const VecX& lambda) {
+  Vec6 on_handle;
   v_end_ = v_free_;
   u_end_ = u_free_;
-  if (rows.contacts.empty()) return;
-  const VecX own = rows.gather(lambda);
-  const VecX r = rows.trailing * own;
-  if (r.size() > 0) {
+  if (!addImpulses(contacts, rows.contacts, self, lambda, on_handle)) return;
+  if (!free_.empty() && nodes_last_) {
+    on_trailing_.resize(static_cast<Eigen::Index>(3 * contact_nodes_.size()));
+    for (std::size_t k = 0; k < contact_nodes_.size(); ++k) {
+      on_trailing_.segment<3>(static_cast<Eigen::Index>(3 * k)) =
+          prediction_.block<3, 1>(3 * row_[contact_nodes_[k]], 0);
+    }
     impulse_response_.resize(v_free_.size());
-    factor_.solveFromTrailing(r, impulse_response_);
+    factor_.solveFromTrailing(on_trailing_, impulse_response_);
     v_end_ += impulse_response_;
+  } else if (!free_.empty()) {
+    factor_.solve(prediction_);
+    v_end_ += prediction_.col(0);
   }
   if (framed()) {
-    const Vec6 du = s_inverse_ * (rows.z * own);
+    const Vec6 du = s_inverse_ * (rows.z * rows.gather(lambda));
     u_end_ += du;
     v_end_ -= x_th_ * du;
   }

@@ -101,11 +101,12 @@ class Body {
   /// Rotations, forces, system; no factorization yet.
   void assemble(const StepInput& input);
   /// Whether the factor's order still suits contact on these nodes: it has them last, and not for long far too many
-  /// others.
+  /// others; or it suits contact anywhere, and there has not been far less of it for long.
   bool contactNodesFit(const std::vector<int>& needed);
-  /// Whether a point of body `self` needs nodes that are not ordered last.
+  /// Whether a point of body `self` needs nodes that should be ordered last and are not.
   bool lacksNodes(const ContactPoint& point, int self) const;
-  /// Orders the given nodes last in the factor, so that contact on them is cheap. A new symbolic analysis: rare.
+  /// Orders the given nodes last in the factor, so that contact on them is cheap; where they are so many that their
+  /// dense block would cost more than it saves, none is (docs/sparse-factorization.md). A new symbolic analysis: rare.
   void orderContactNodes(const std::vector<int>& nodes);
   /// Numeric factorization. @returns false if A_tt is not positive definite or not finite.
   bool factorize();
@@ -113,7 +114,8 @@ class Body {
   void solveFree();
   /// End velocities of the free motion under the given contact impulses [N s], rows as in contacts: a prediction before
   /// contact is solved.
-  void predict(const std::vector<Contact>& contacts, int self, const VecX& impulse);
+  /// @param own  contacts in which the body takes part
+  void predict(const std::vector<Contact>& contacts, const std::vector<int>& own, int self, const VecX& impulse);
   /// The same after a new factorization of the same system (other nodes ordered last).
   void solveFreeAgain();
 
@@ -121,22 +123,26 @@ class Body {
   /// takes part.
   struct ContactRows {
     std::vector<int> contacts;  ///< those in which the body takes part, increasing; columns are theirs
-    MatX trailing;              ///< J_c^T: 3 * contact nodes x rows
-    MatX handle;                ///< J_h^T: 6 x rows
-    MatX half;                  ///< L_cc^-1 J_c^T
-    MatX z;                     ///< (J_h - J_t X)^T: 6 x rows
+    std::size_t known = 0;      ///< of them, whose rows are there
+    MatX handle;                ///< J_h^T: 6 x rows, of a body with a handle frame
+    MatX z;                     ///< (J_h - J_t X)^T: 6 x rows, of a body with a handle frame
+    MatX delassus;              ///< J A^-1 J^T of this body alone [1/kg]: rows x rows, lower triangle
 
-    /// Rows of a vector [rows of all contacts] or matrix that belong to the body's contacts.
-    MatX gather(const MatX& all) const;
-    /// Puts the body's columns at their place among the columns of all contacts.
-    MatX spread(const MatX& own, std::size_t contact_count) const;
+    /// Rows of a vector [rows of all contacts] that belong to the body's contacts.
+    VecX gather(const VecX& all) const;
   };
-  /// Fills rows and adds J A^-1 J^T to the Delassus matrix.
-  void addDelassus(const std::vector<Contact>& contacts, int self, ContactRows& rows, MatX& delassus);
-  /// Adds J v to row velocities, for the free motion.
-  void addFreeRowVelocity(const std::vector<Contact>& contacts, int self, VecX& velocity) const;
-  /// End velocities under contact impulses lambda [rows].
-  void applyImpulse(const ContactRows& rows, const VecX& lambda);
+  /// Fills the rows of rows.contacts. Those that are known, from an earlier call in the same step, are kept but for the
+  /// contacts that changed; all of the others come behind them.
+  /// @param contacts  of all bodies
+  /// @param changed   one a contact: whether it is new or another one since that call
+  void contactRows(const std::vector<Contact>& contacts, int self, const std::vector<char>& changed, ContactRows& rows);
+  /// Adds J v of the given contacts to the row velocities of all contacts, for the free motion.
+  void addFreeRowVelocity(const std::vector<Contact>& contacts, const std::vector<int>& own, int self,
+                          VecX& velocity) const;
+  /// J v of this body's rows for velocities of its free nodes [3 free x columns]: [rows of own x columns].
+  MatX rowVelocity(const std::vector<Contact>& contacts, const std::vector<int>& own, int self, const MatX& v) const;
+  /// End velocities under contact impulses lambda [rows of all contacts].
+  void applyImpulse(const std::vector<Contact>& contacts, const ContactRows& rows, int self, const VecX& lambda);
   /// Node positions at the end of the step, for the present end velocities.
   /// @param share  of the step, in [0, 1]: how far along its motion
   void endPositions(VecX& x, double share = 1.0) const;
@@ -164,7 +170,7 @@ class Body {
   const Vec6& endTwist() const { return u_end_; }
   SparseCholesky& factor() { return factor_; }
   const SymmetricBlockMatrix& system() const { return a_; }
-  const std::vector<int>& contactNodes() const { return contact_nodes_; }
+  const std::vector<int>& contactNodes() const { return contact_nodes_; }  ///< that the order was chosen for
   std::size_t analyses() const { return analyses_; }
 
  private:
@@ -172,6 +178,11 @@ class Body {
   void addLink(Vec6& wrench);
   void attach(const Handle& handle);
   void nodeVelocity(const ContactPoint& point, const VecX& v, const Vec6& u, Vec3& out) const;
+  bool addImpulses(const std::vector<Contact>& contacts, const std::vector<int>& own, int self, const VecX& impulse,
+                   Vec6& on_handle);
+  void addColumns(const Contact& contact, int self, Eigen::Index column, ContactRows& rows);
+  void formDelassus(ContactRows& rows);
+  void updateDelassus(const std::vector<Contact>& contacts, int self, ContactRows& rows);
 
   std::string name_;
   SimulationMesh mesh_;
@@ -194,14 +205,18 @@ class Body {
   SparseCholesky factor_;
   bool analyzed_ = false;
   std::size_t analyses_ = 0;
-  std::vector<int> contact_nodes_;  // nodes ordered last
+  std::vector<int> contact_nodes_;  // nodes ordered last, or for which none is
   std::vector<int> trailing_;       // node -> index among the contact nodes, -1
+  bool nodes_last_ = true;
   std::vector<char> seen_;
   int surplus_steps_ = 0;  // steps in a row in which far too many nodes were ordered last
-  MatX a_th_, x_th_, rhs_, solution_, prediction_, product_;
+  MatX a_th_, x_th_, rhs_, solution_, prediction_;
+  BlockColumns columns_;      // J_t^T of contacts, by free rows
+  std::vector<int> changed_;  // own contacts whose columns they are
+  MatX half_, response_, image_;
   Mat6 gkg_ = Mat6::Zero(), a_hh_ = Mat6::Zero(), s_inverse_ = Mat6::Zero(), mass0_ = Mat6::Zero();
   Vec6 b_h_ = Vec6::Zero();
-  VecX v_free_, v_end_, impulse_response_;
+  VecX v_free_, v_end_, impulse_response_, on_trailing_;
   Vec6 u_free_ = Vec6::Zero(), u_end_ = Vec6::Zero();
 };
 

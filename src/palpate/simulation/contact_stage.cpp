@@ -1,6 +1,8 @@
 #include "palpate/simulation/contact_stage.h"
 
 #include <algorithm>
+#include <cmath>
+#include <numeric>
 #include <tuple>
 
 namespace palpate {
@@ -19,6 +21,42 @@ int ContactSet::active() const { return static_cast<int>(contacts.size()) - coun
 int ContactSet::count(ContactState state) const {
   return static_cast<int>(
       std::count_if(status.begin(), status.end(), [&](const ContactStatus& s) { return s.state == state; }));
+}
+
+VecX ContactSet::rowVelocity(const ContactIsland& of) const {
+  VecX lambda(static_cast<Eigen::Index>(3 * of.contacts.size())), w(lambda.size());
+  for (std::size_t k = 0; k < of.contacts.size(); ++k) {
+    lambda.segment<3>(static_cast<Eigen::Index>(3 * k)) = impulse.segment<3>(3 * of.contacts[k]);
+    w.segment<3>(static_cast<Eigen::Index>(3 * k)) = free.segment<3>(3 * of.contacts[k]);
+  }
+  w.noalias() += of.delassus * lambda;
+  return w;
+}
+
+VecX ContactSet::rowVelocity() const {
+  VecX all(free.size());
+  for (const ContactIsland& of : islands) {
+    const VecX own = rowVelocity(of);
+    for (std::size_t k = 0; k < of.contacts.size(); ++k) {
+      all.segment<3>(3 * of.contacts[k]) = own.segment<3>(static_cast<Eigen::Index>(3 * k));
+    }
+  }
+  return all;
+}
+
+// Place of a point's body among those that move, or -1.
+int ContactStage::slot(const ContactPoint& point) const {
+  return point.body >= 0 && point.body < static_cast<int>(slot_.size()) ? slot_[point.body] : -1;
+}
+
+// For each body that moves the contacts in which it takes part, increasing.
+void ContactStage::listByBody(const std::vector<Contact>& contacts, Lists& lists) const {
+  for (auto& list : lists) list.clear();
+  for (std::size_t i = 0; i < contacts.size(); ++i) {
+    const int first = slot(contacts[i].first), second = slot(contacts[i].second);
+    if (first >= 0) lists[first].push_back(static_cast<int>(i));
+    if (second >= 0 && second != first) lists[second].push_back(static_cast<int>(i));
+  }
 }
 
 // Vertices near planes at the present end velocities; leaves the ends to the surfaces as well.
@@ -48,8 +86,8 @@ void ContactStage::propose(const std::vector<Body*>& bodies, const std::vector<i
     input.surfaces.findOverlapping(surface, input.friction, candidates_);
     for (const Contact& c : near_) input.surfaces.follow(c, surface, input.friction, candidates_);
   }
-  followEarlier(bodies, indices, input);
-  correctForTurning(bodies, indices, kLargestArc * input.settings.thickness);
+  followEarlier(bodies, input);
+  correctForTurning(bodies, kLargestArc * input.settings.thickness);
   set_.candidates = static_cast<int>(candidates_.size());
 }
 
@@ -60,22 +98,21 @@ void ContactStage::search(const std::vector<Body*>& bodies, const std::vector<in
   if (input.surfaces.active()) {
     input.surfaces.find(surfaceSettings(input.settings), input.friction, candidates_);
   }
-  correctForTurning(bodies, indices, kLargestArc * input.settings.thickness);
+  correctForTurning(bodies, kLargestArc * input.settings.thickness);
 }
 
 // The handle's nodes go round on arcs, their velocity rows straight on: what an arc ends beside the straight line is
 // known once the motion is predicted, and belongs to the gap. Within bounds: a wild prediction must not make wild gaps.
-void ContactStage::correctForTurning(const std::vector<Body*>& bodies, const std::vector<int>& indices, double bound) {
-  for (std::size_t b = 0; b < bodies.size(); ++b) {
-    const Body& body = *bodies[b];
-    if (!body.framed()) continue;
-    for (Contact& c : candidates_) {
-      const auto offset = [&](const ContactPoint& point) {
-        if (point.body != indices[b]) return 0.0;
-        return std::clamp(c.normal.dot(body.arcOffset(point, x_end_[b])), -bound, bound);
-      };
-      c.gap += offset(c.first) - offset(c.second);
-    }
+void ContactStage::correctForTurning(const std::vector<Body*>& bodies, double bound) {
+  const bool framed = std::any_of(bodies.begin(), bodies.end(), [](const Body* b) { return b->framed(); });
+  if (!framed) return;
+  for (Contact& c : candidates_) {
+    const auto offset = [&](const ContactPoint& point) {
+      const int b = slot(point);
+      if (b < 0 || !bodies[b]->framed()) return 0.0;
+      return std::clamp(c.normal.dot(bodies[b]->arcOffset(point, x_end_[b])), -bound, bound);
+    };
+    c.gap += offset(c.first) - offset(c.second);
   }
 }
 
@@ -85,7 +122,8 @@ bool ContactStage::prepareNodes(const std::vector<Body*>& bodies, const std::vec
   for (std::size_t b = 0; b < bodies.size(); ++b) {
     Body& body = *bodies[b];
     bool missing = false;
-    for (const Contact& c : set_.contacts) {
+    for (const int i : own_[b]) {
+      const Contact& c = set_.contacts[i];
       missing |= body.lacksNodes(c.first, indices[b]) || body.lacksNodes(c.second, indices[b]);
     }
     if (!missing) continue;
@@ -105,30 +143,79 @@ bool ContactStage::prepareNodes(const std::vector<Body*>& bodies, const std::vec
   return true;
 }
 
-void ContactStage::solveOnce(const std::vector<Body*>& bodies, const std::vector<int>& indices,
-                             const ContactSettings& settings) {
-  const auto m = static_cast<Eigen::Index>(set_.contacts.size());
-  const double h = bodies.front()->input().step;
-  set_.delassus.setZero(3 * m, 3 * m);
-  set_.free.setZero(3 * m);
-  bias_.resize(m);
-  friction_.resize(m);
-  set_.rows.resize(bodies.size());
-  set_.bodies = indices;
-  for (std::size_t b = 0; b < bodies.size(); ++b) {
-    bodies[b]->addDelassus(set_.contacts, indices[b], set_.rows[b], set_.delassus);
-    bodies[b]->addFreeRowVelocity(set_.contacts, indices[b], set_.free);
+// Takes an island's matrix and report over from the pass before if it is the same and was solved; false if not.
+bool ContactStage::keepIsland(ContactIsland& island) {
+  if (set_.passes == 1) return false;
+  for (const int i : island.contacts) {
+    if (changed_[i]) return false;
   }
-  set_.delassus.triangularView<Eigen::StrictlyUpper>() = set_.delassus.transpose();
-  const bool fresh = set_.impulse.size() == 0;
+  ContactIsland& before = old_[set_.island[island.contacts.front()]];
+  if (!before.solver.converged || before.contacts != island.contacts) return false;
+  island.delassus.swap(before.delassus);
+  island.solver = before.solver;
+  island.solver.iterations = 0;
+  return true;
+}
+
+// Bodies are joined by the contacts that they share.
+void ContactStage::findIslands() {
+  const std::size_t m = set_.contacts.size();
+  root_.resize(own_.size());
+  std::iota(root_.begin(), root_.end(), 0);
+  const auto rootOf = [&](int b) {
+    while (root_[b] != b) b = root_[b] = root_[root_[b]];
+    return b;
+  };
+  for (const Contact& c : set_.contacts) {
+    const int first = slot(c.first), second = slot(c.second);
+    if (first < 0 || second < 0) continue;
+    const int a = rootOf(first), b = rootOf(second);
+    root_[std::max(a, b)] = std::min(a, b);
+  }
+  old_.swap(set_.islands);
+  of_root_.assign(own_.size(), -1);
+  island_.resize(m);
+  set_.place.resize(m);
+  std::size_t count = 0;
+  const auto begin = [&] {
+    if (set_.islands.size() == count) set_.islands.emplace_back();
+    set_.islands[count].contacts.clear();
+    set_.islands[count].bodies.clear();
+    return static_cast<int>(count++);
+  };
+  for (std::size_t i = 0; i < m; ++i) {
+    const Contact& c = set_.contacts[i];
+    const int body = std::max(slot(c.first), slot(c.second));
+    int island = -1;
+    if (body < 0) {
+      island = begin();  // both stand still
+    } else {
+      int& known = of_root_[rootOf(body)];
+      if (known < 0) known = begin();
+      island = known;
+    }
+    island_[i] = island;
+    set_.place[i] = static_cast<int>(set_.islands[island].contacts.size());
+    set_.islands[island].contacts.push_back(static_cast<int>(i));
+  }
+  for (std::size_t b = 0; b < own_.size(); ++b) {
+    const int island = of_root_[rootOf(static_cast<int>(b))];
+    if (island >= 0) set_.islands[island].bodies.push_back(static_cast<int>(b));
+  }
+  set_.islands.resize(count);
+  kept_islands_.assign(count, 0);
+  for (std::size_t k = 0; k < count; ++k) kept_islands_[k] = keepIsland(set_.islands[k]) ? 1 : 0;
+  set_.island.swap(island_);
+}
+
+// Impulses and states of contacts that are new in this pass, from the step before.
+void ContactStage::warmStart(double h) {
+  const auto m = static_cast<Eigen::Index>(set_.contacts.size());
   const Eigen::Index known = set_.impulse.size() / 3;
   set_.impulse.conservativeResize(3 * m);
   set_.status.resize(set_.contacts.size());
-  for (Eigen::Index i = 0; i < m; ++i) {
+  for (Eigen::Index i = known; i < m; ++i) {
     const Contact& c = set_.contacts[i];
-    bias_[i] = -c.gap / h;
-    friction_[i] = c.friction;
-    if (!fresh && i < known) continue;
     set_.impulse.segment<3>(3 * i).setZero();
     set_.status[i] = {};
     const auto at = std::lower_bound(memory_.begin(), memory_.end(), c.track,
@@ -138,9 +225,108 @@ void ContactStage::solveOnce(const std::vector<Body*>& bodies, const std::vector
       set_.status[i] = at->status;
     }
   }
-  const ContactProblem problem{set_.delassus, set_.free, bias_, friction_, settings.cone};
-  set_.solver = solver_.solve(problem, settings.solver, set_.impulse, set_.status);
-  for (std::size_t b = 0; b < bodies.size(); ++b) bodies[b]->applyImpulse(set_.rows[b], set_.impulse);
+}
+
+/// @param scale  largest velocity of all islands: what counts as solved does not depend on how they fall apart [m/s]
+void ContactStage::solveIsland(std::size_t index, double h, double scale, const ContactSettings& settings) {
+  ContactIsland& island = set_.islands[index];
+  const auto m = static_cast<Eigen::Index>(island.contacts.size());
+  formDelassus(island);
+  for (VecX* rows : {&free_, &impulse_}) rows->resize(3 * m);
+  for (VecX* each : {&bias_, &friction_}) each->resize(m);
+  status_.resize(island.contacts.size());
+  for (Eigen::Index k = 0; k < m; ++k) {
+    const int i = island.contacts[k];
+    free_.segment<3>(3 * k) = set_.free.segment<3>(3 * i);
+    impulse_.segment<3>(3 * k) = set_.impulse.segment<3>(3 * i);
+    bias_[k] = -set_.contacts[i].gap / h;
+    friction_[k] = set_.contacts[i].friction;
+    status_[k] = set_.status[i];
+  }
+  const double own = std::max(free_.lpNorm<Eigen::Infinity>(), bias_.lpNorm<Eigen::Infinity>());
+  if (own == 0) {
+    impulse_.setZero();
+    status_.assign(island.contacts.size(), {});
+    island.solver = {true, 0, 0.0};
+  } else {
+    ContactSolverSettings solver = settings.solver;
+    if (std::isfinite(scale)) {
+      solver.tolerance *= scale / own;
+      solver.acceptable *= scale / own;
+    }
+    const ContactProblem problem{island.delassus, free_, bias_, friction_, settings.cone};
+    island.solver = solvers_[index].solve(problem, solver, impulse_, status_);
+  }
+  for (Eigen::Index k = 0; k < m; ++k) {
+    set_.impulse.segment<3>(3 * island.contacts[k]) = impulse_.segment<3>(3 * k);
+    set_.status[island.contacts[k]] = status_[k];
+  }
+}
+
+// Sum over the island's bodies, with both triangles.
+void ContactStage::formDelassus(ContactIsland& island) {
+  const auto rows = static_cast<Eigen::Index>(3 * island.contacts.size());
+  MatX& w = island.delassus;
+  const bool alone = island.bodies.size() == 1;
+  if (alone) {
+    w.resize(rows, rows);
+  } else {
+    w.setZero(rows, rows);
+  }
+  for (const int b : island.bodies) {
+    const Body::ContactRows& own = set_.rows[b];
+    if (alone) {
+      w.triangularView<Eigen::Lower>() = own.delassus;
+      continue;
+    }
+    for (std::size_t j = 0; j < own.contacts.size(); ++j) {
+      for (std::size_t i = j; i < own.contacts.size(); ++i) {
+        w.block<3, 3>(3 * set_.place[own.contacts[i]], 3 * set_.place[own.contacts[j]]) +=
+            own.delassus.block<3, 3>(static_cast<Eigen::Index>(3 * i), static_cast<Eigen::Index>(3 * j));
+      }
+    }
+  }
+  // in tiles that stay in the cache
+  constexpr Eigen::Index kTile = 32;
+  for (Eigen::Index j = 0; j < rows; j += kTile) {
+    const Eigen::Index width = std::min(kTile, rows - j);
+    auto diagonal = w.block(j, j, width, width);
+    for (Eigen::Index c = 0; c < width; ++c) {
+      for (Eigen::Index r = c + 1; r < width; ++r) diagonal(c, r) = diagonal(r, c);
+    }
+    for (Eigen::Index i = j + width; i < rows; i += kTile) {
+      const Eigen::Index height = std::min(kTile, rows - i);
+      w.block(j, i, width, height) = w.block(i, j, height, width).transpose();
+    }
+  }
+}
+
+void ContactStage::solveOnce(const std::vector<Body*>& bodies, const std::vector<int>& indices,
+                             const ContactSettings& settings) {
+  const double h = bodies.front()->input().step;
+  for (std::size_t b = 0; b < bodies.size(); ++b) set_.rows[b].contacts = own_[b];
+  findIslands();
+  set_.free.setZero(static_cast<Eigen::Index>(3 * set_.contacts.size()));
+  for (std::size_t b = 0; b < bodies.size(); ++b) {
+    bodies[b]->contactRows(set_.contacts, indices[b], changed_, set_.rows[b]);
+    bodies[b]->addFreeRowVelocity(set_.contacts, own_[b], indices[b], set_.free);
+  }
+  warmStart(h);
+  double scale = set_.free.lpNorm<Eigen::Infinity>();
+  for (const Contact& c : set_.contacts) scale = std::max(scale, std::abs(c.gap) / h);
+  if (solvers_.size() < set_.islands.size()) solvers_.resize(set_.islands.size());
+  set_.solver = {true, 0, 0.0};
+  for (std::size_t k = 0; k < set_.islands.size(); ++k) {
+    if (!kept_islands_[k]) solveIsland(k, h, scale, settings);
+    const ContactSolverReport& report = set_.islands[k].solver;
+    set_.solver.converged = set_.solver.converged && report.converged;
+    set_.solver.iterations = std::max(set_.solver.iterations, report.iterations);
+    set_.solver.residual = std::max(set_.solver.residual, report.residual);
+  }
+  for (std::size_t b = 0; b < bodies.size(); ++b) {
+    const bool kept = !own_[b].empty() && kept_islands_[set_.island[own_[b].front()]];
+    if (!kept) bodies[b]->applyImpulse(set_.contacts, set_.rows[b], indices[b], set_.impulse);
+  }
 }
 
 // The deepest violated point of each patch; a contact that is there already is linearized anew where it now is.
@@ -152,19 +338,25 @@ bool ContactStage::addViolated() {
   const auto samePatch = [](const Contact& a, const Contact& b) {
     return a.first.body == b.first.body && a.partner == b.partner && a.patch == b.patch;
   };
+  changed_.assign(set_.contacts.size(), 0);
+  keys_.clear();
+  for (std::size_t i = 0; i < set_.contacts.size(); ++i) keys_.emplace_back(set_.contacts[i].key, i);
   bool added = false;
   for (std::size_t i = 0; i < candidates_.size(); ++i) {
     const Contact& c = candidates_[i];
     if (!c.crosses() && !(c.end_gap < -c.slack)) continue;
     if (i > 0 && samePatch(candidates_[i - 1], c) && c.normal.dot(candidates_[i - 1].normal) > 0.7) continue;
-    const auto same =
-        std::find_if(set_.contacts.begin(), set_.contacts.end(), [&](const Contact& o) { return o.key == c.key; });
-    if (same == set_.contacts.end()) {
-      set_.contacts.push_back(c);
-    } else {
-      *same = c;
-    }
+    if (!added) std::sort(keys_.begin(), keys_.end());
     added = true;
+    const auto same = std::lower_bound(keys_.begin(), keys_.end(), std::pair(c.key, 0));
+    if (same != keys_.end() && same->first == c.key) {
+      set_.contacts[same->second] = c;
+      changed_[same->second] = 1;
+    } else {
+      keys_.insert(same, {c.key, static_cast<int>(set_.contacts.size())});
+      set_.contacts.push_back(c);
+      changed_.push_back(1);
+    }
   }
   return added;
 }
@@ -174,21 +366,22 @@ bool ContactStage::addViolated() {
 void ContactStage::predict(const std::vector<Body*>& bodies, const std::vector<int>& indices) {
   if (earlier_.empty()) return;
   earlier_impulse_ = earlier_force_ * bodies.front()->input().step;
-  for (std::size_t b = 0; b < bodies.size(); ++b) bodies[b]->predict(earlier_, indices[b], earlier_impulse_);
+  listByBody(earlier_, earlier_own_);
+  for (std::size_t b = 0; b < bodies.size(); ++b) {
+    bodies[b]->predict(earlier_, earlier_own_[b], indices[b], earlier_impulse_);
+  }
 }
 
 // What carried force on a plane in the step before is a candidate wherever the prediction puts it.
-void ContactStage::followEarlier(const std::vector<Body*>& bodies, const std::vector<int>& indices,
-                                 const ContactInput& input) {
+void ContactStage::followEarlier(const std::vector<Body*>& bodies, const ContactInput& input) {
   found_.clear();
   for (const Contact& c : candidates_) found_.push_back(c.key);
   std::sort(found_.begin(), found_.end());
   for (const Contact& c : earlier_) {
     if (c.partner >= static_cast<int>(input.obstacles.size())) continue;
     if (std::binary_search(found_.begin(), found_.end(), c.key)) continue;
-    const auto at = std::find(indices.begin(), indices.end(), c.first.body);
-    if (at == indices.end()) continue;
-    const auto b = static_cast<std::size_t>(at - indices.begin());
+    const int b = slot(c.first);
+    if (b < 0) continue;
     candidates_.push_back(
         bodies[b]->contactFinder().follow(c, bodies[b]->startPositions(), x_end_[b], input.obstacles));
   }
@@ -286,25 +479,43 @@ bool ContactStage::solve(const std::vector<Body*>& bodies, const std::vector<int
   set_.contacts.clear();
   set_.impulse.resize(0);
   set_.status.clear();
-  set_.rows.clear();
+  set_.bodies = indices;
+  set_.rows.resize(bodies.size());
+  for (Body::ContactRows& rows : set_.rows) {
+    rows.contacts.clear();
+    rows.known = 0;
+  }
+  set_.island.clear();
+  slot_.clear();
+  for (std::size_t b = 0; b < indices.size(); ++b) {
+    if (static_cast<int>(slot_.size()) <= indices[b]) slot_.resize(indices[b] + 1, -1);
+    slot_[indices[b]] = static_cast<int>(b);
+  }
+  own_.resize(bodies.size());
+  earlier_own_.resize(bodies.size());
   set_.solver = {true, 0, 0.0};
   set_.passes = 0;
   set_.candidates = 0;
   set_.penetration = 0;
   set_.crossing = false;
-  if (bodies.empty()) return true;
+  if (bodies.empty()) {
+    set_.islands.clear();
+    return true;
+  }
   const double h = bodies.front()->input().step;
   predict(bodies, indices);
   propose(bodies, indices, input);
   chooseContacts(bodies, settings);
+  changed_.assign(set_.contacts.size(), 1);
   if (set_.contacts.empty()) {  // what was touched is out of reach: its impulses are, too
-    for (Body* b : bodies) b->applyImpulse({}, VecX());
+    for (Body* b : bodies) b->applyImpulse({}, {}, -1, VecX());
   }
   int iterations = 0;
   for (;;) {
     if (!set_.contacts.empty()) {
       ++set_.passes;
       capRecovery(h, settings.recovery_speed);
+      listByBody(set_.contacts, own_);
       if (!prepareNodes(bodies, indices)) {
         set_ = ContactSet{};
         return false;
@@ -318,6 +529,7 @@ bool ContactStage::solve(const std::vector<Body*>& bodies, const std::vector<int
     const bool far_off = !set_.solver.converged && set_.solver.residual * h > kFarOff * settings.thickness;
     if (far_off || set_.passes >= settings.max_passes || !addViolated()) break;
   }
+  if (set_.contacts.empty()) set_.islands.clear();
   set_.candidates = std::max(set_.candidates, static_cast<int>(candidates_.size()));
   set_.penetration = std::max(set_.penetration, input.surfaces.overlap());
   set_.solver.iterations = iterations;
@@ -370,9 +582,8 @@ void ContactStage::limitMotion(const std::vector<Body*>& bodies, const std::vect
       double factor = round < kPatient ? c.impact_time : 0.5 * c.impact_time;
       if (round == kRounds) factor = 0;
       for (const ContactPoint* point : {&c.first, &c.second}) {
-        const auto at = std::find(indices.begin(), indices.end(), point->body);
-        if (at == indices.end()) continue;
-        const auto b = static_cast<std::size_t>(at - indices.begin());
+        const int b = slot(*point);
+        if (b < 0) continue;
         next[b] = std::min(next[b], factor * share[b]);
       }
     }

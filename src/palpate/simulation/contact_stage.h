@@ -37,13 +37,24 @@ struct ContactSettings {
   }
 };
 
+/// Contacts that act on one another: those of bodies that move and are connected through contacts. Obstacles, and
+/// bodies that stand still, connect nothing.
+struct ContactIsland {
+  std::vector<int> contacts;  ///< of the set, increasing; rows are theirs
+  std::vector<int> bodies;    ///< in ContactSet::bodies, increasing
+  MatX delassus;              ///< W = J A^-1 J^T [1/kg], both triangles
+  ContactSolverReport solver;
+};
+
 /// The contacts of one step and their solution; three rows a contact: normal, tangents.
 struct ContactSet {
   std::vector<Contact> contacts;
-  MatX delassus;  ///< W = J A^-1 J^T [1/kg], both triangles
-  VecX free;      ///< row velocities without contact impulse [m/s]
-  VecX impulse;   ///< lambda [N s]
+  VecX free;     ///< row velocities without contact impulse [m/s]
+  VecX impulse;  ///< lambda [N s]
   std::vector<ContactStatus> status;
+  std::vector<ContactIsland> islands;   ///< in the order of their first contacts
+  std::vector<int> island;              ///< of each contact
+  std::vector<int> place;               ///< of each contact among those of its island
   std::vector<int> bodies;              ///< that move, as indices in the world
   std::vector<Body::ContactRows> rows;  ///< theirs
 
@@ -51,9 +62,12 @@ struct ContactSet {
   int passes = 0;
   double penetration = 0;  ///< deepest point below a plane at the end, or of an overlap at the start of the step [m]
   bool crossing = false;   ///< the end velocities would carry a surface through another: the motion must be cut short
-  ContactSolverReport solver;
+  ContactSolverReport solver;  ///< worst of the islands
   int active() const;
   int count(ContactState state) const;
+  /// W lambda + free of one island's rows, and of all [m/s].
+  VecX rowVelocity(const ContactIsland& of) const;
+  VecX rowVelocity() const;
 };
 
 /// What the contacts of a step are found among and how they are solved; the bodies' positions at the start are known.
@@ -95,14 +109,22 @@ class ContactStage {
     ContactStatus status;
   };
   using Bodies = std::vector<Body*>;
+  using Lists = std::vector<std::vector<int>>;
   void findOnPlanes(const Bodies& bodies, const std::vector<int>& indices, const ContactInput& input, double reach);
   void propose(const Bodies& bodies, const std::vector<int>& indices, const ContactInput& input);
   void search(const Bodies& bodies, const std::vector<int>& indices, const ContactInput& input);
-  void correctForTurning(const Bodies& bodies, const std::vector<int>& indices, double bound);
+  void correctForTurning(const Bodies& bodies, double bound);
+  int slot(const ContactPoint& point) const;
+  void listByBody(const std::vector<Contact>& contacts, Lists& lists) const;
   bool prepareNodes(const Bodies& bodies, const std::vector<int>& indices);
+  void findIslands();
+  bool keepIsland(ContactIsland& island);
+  void formDelassus(ContactIsland& island);
+  void warmStart(double h);
+  void solveIsland(std::size_t index, double h, double scale, const ContactSettings& settings);
   void solveOnce(const Bodies& bodies, const std::vector<int>& indices, const ContactSettings& settings);
   void predict(const Bodies& bodies, const std::vector<int>& indices);
-  void followEarlier(const Bodies& bodies, const std::vector<int>& indices, const ContactInput& input);
+  void followEarlier(const Bodies& bodies, const ContactInput& input);
   void capRecovery(double h, double speed);
   void chooseContacts(const Bodies& bodies, const ContactSettings& settings);
   bool addViolated();
@@ -112,7 +134,14 @@ class ContactStage {
   void rememberNear(const ContactInput& input);
 
   ContactSet set_;
-  ContactSolver solver_;
+  std::vector<int> slot_;                     // of a body of the world among those that move, -1
+  Lists own_, earlier_own_;                   // contacts of each body that moves; of earlier_
+  std::vector<char> changed_;                 // contacts that the present pass has anew
+  std::vector<ContactIsland> old_;            // of the pass before
+  std::vector<char> kept_islands_;            // of the present pass: as they were in the one before, and solved
+  std::vector<int> root_, of_root_, island_;  // while islands are found: of bodies, islands of roots, of contacts
+  std::vector<std::pair<std::uint64_t, int>> keys_;  // of the contacts, sorted
+  std::vector<ContactSolver> solvers_;               // one an island, so that sizes stay
   ContactReduction reduction_;
   std::vector<Contact> candidates_;
   std::vector<Memory> memory_;  // sorted by track
@@ -122,7 +151,8 @@ class ContactStage {
   VecX earlier_force_, earlier_impulse_;      // theirs, in their frames [N], [N s]
   std::vector<std::pair<int, int>> touched_;  // body, node: sorted, of the candidates
   std::vector<VecX> x_end_;
-  VecX bias_, friction_;
+  VecX free_, bias_, friction_, impulse_;  // of an island
+  std::vector<ContactStatus> status_;
 };
 
 }  // namespace palpate

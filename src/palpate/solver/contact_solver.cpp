@@ -1,6 +1,5 @@
 #include "palpate/solver/contact_solver.h"
 
-#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -8,23 +7,26 @@
 #include <stdexcept>
 #include <utility>
 
+#include "palpate/solver/single_contact.h"
+
 namespace palpate {
 namespace {
 
 using Vec2 = Eigen::Vector2d;
-using Mat2 = Eigen::Matrix2d;
 using MapX = Eigen::Map<MatX>;
 
-// Proximal shift relative to rho: where it starts, and its change after a problem solved and after one that was not.
+// Proximal shift relative to rho: where it starts, far from the solution and near it, and its change after a problem
+// solved and after one that was not.
 constexpr double first_shift = 1e-2;
+constexpr double first_shift_near = 1e-3;
 constexpr double shift_down = 0.5;
 constexpr double shift_up = 5.0;
-// Sweeps and Newton steps spent on proximal rounds before the interior-point method. Its iterations: at most; fewer
-// than `least` are not worth a start; how near the border a step may end.
-constexpr int first_proximal = 30;
-constexpr int most_interior = 25;
+// Interior-point iterations: at most, in number and as a part of the work that is left; fewer than `least` are not
+// worth a start; so many without a gain end them.
+constexpr int most_interior = 60;
+constexpr double part_interior = 0.5;
 constexpr int least_interior = 12;
-constexpr double near_border = 0.95;
+constexpr int idle_interior = 10;
 constexpr double infinity = std::numeric_limits<double>::infinity();
 
 double cornerAngle(double index, int facets) { return 2.0 * std::numbers::pi * index / facets; }
@@ -77,41 +79,6 @@ Vec2 nearestInCone(const Vec2& p, double radius, const FrictionCone& cone) {
   return inside ? p : nearest;
 }
 
-/// LU with partial pivoting in place, right-looking in panels; false if a pivot vanishes. Eigen's own keeps its pivots
-/// on the heap.
-bool luInPlace(Eigen::Ref<MatX> a, std::vector<int>& pivots) {
-  constexpr Eigen::Index panel = 32;
-  const Eigen::Index n = a.rows();
-  if (pivots.size() < static_cast<std::size_t>(n)) pivots.resize(static_cast<std::size_t>(n));
-  for (Eigen::Index start = 0; start < n; start += panel) {
-    const Eigen::Index width = std::min(panel, n - start);
-    const Eigen::Index end = start + width;
-    for (Eigen::Index k = start; k < end; ++k) {
-      Eigen::Index p = 0;
-      const double pivot = a.col(k).tail(n - k).cwiseAbs().maxCoeff(&p);
-      p += k;
-      pivots[static_cast<std::size_t>(k)] = static_cast<int>(p);
-      if (!(pivot > 0.0) || !std::isfinite(pivot)) return false;
-      if (p != k) a.row(k).swap(a.row(p));
-      a.col(k).tail(n - k - 1) /= a(k, k);
-      for (Eigen::Index j = k + 1; j < end; ++j) a.col(j).tail(n - k - 1) -= a(k, j) * a.col(k).tail(n - k - 1);
-    }
-    const Eigen::Index rest = n - end;
-    if (rest == 0) break;
-    a.block(start, start, width, width)
-        .triangularView<Eigen::UnitLower>()
-        .solveInPlace(a.block(start, end, width, rest));
-    a.block(end, end, rest, rest).noalias() -= a.block(end, start, rest, width) * a.block(start, end, width, rest);
-  }
-  return true;
-}
-
-void luSolve(const Eigen::Ref<const MatX>& lu, const std::vector<int>& pivots, Eigen::Ref<VecX> x) {
-  for (Eigen::Index k = 0; k < x.size(); ++k) std::swap(x[k], x[pivots[static_cast<std::size_t>(k)]]);
-  lu.triangularView<Eigen::UnitLower>().solveInPlace(x);
-  lu.triangularView<Eigen::Upper>().solveInPlace(x);
-}
-
 void grow(std::vector<double, Eigen::aligned_allocator<double>>& buffer, Eigen::Index size) {
   if (buffer.size() < static_cast<std::size_t>(size)) buffer.resize(static_cast<std::size_t>(size));
 }
@@ -127,273 +94,6 @@ double meanScale(const ContactProblem& problem) {
       problem.delassus.trace() / static_cast<double>(std::max<Eigen::Index>(problem.delassus.rows(), 1));
   return mean > 0.0 ? mean : 1.0;
 }
-
-/// One contact with the others held: w = matrix lambda + free (bias already taken off the normal row).
-struct Local {
-  Mat3 matrix;
-  Vec3 free;
-  double mu;
-  Mat2 schur;     ///< tangential compliance with the normal velocity held at zero
-  Vec2 velocity;  ///< tangential velocity without friction impulse, normal velocity held at zero
-
-  void eliminateNormal() {
-    const double normal = matrix(0, 0);
-    schur = matrix.bottomRightCorner<2, 2>() - matrix.bottomLeftCorner<2, 1>() * matrix.topRightCorner<1, 2>() / normal;
-    velocity = free.tail<2>() - matrix.bottomLeftCorner<2, 1>() * (free[0] / normal);
-    // keeps the tangential solve defined where a contact cannot move sideways
-    schur.diagonal().array() += 1e-14 * matrix.trace();
-  }
-  double normalImpulse(const Vec2& tangential) const {
-    return -(free[0] + matrix(0, 1) * tangential[0] + matrix(0, 2) * tangential[1]) / matrix(0, 0);
-  }
-  Vec3 impulse(const Vec2& tangential) const { return {normalImpulse(tangential), tangential[0], tangential[1]}; }
-};
-
-Vec2 solve2(const Mat2& s, double shift, const Vec2& rhs) {
-  const double a = s(0, 0) + shift, b = s(0, 1), c = s(1, 0), d = s(1, 1) + shift;
-  const double determinant = a * d - b * c;
-  return {(d * rhs[0] - b * rhs[1]) / determinant, (a * rhs[1] - c * rhs[0]) / determinant};
-}
-
-/// Sliding on the exact cone: lambda_t = -w_t / alpha, so lambda_t(alpha) = -(S + alpha)^-1 c. Its length falls with
-/// alpha, and what is sought is the alpha at which it meets mu lambda_n. Sticking exceeds the cone (alpha = 0) and no
-/// friction impulse (alpha = infinity) is within it, so a root is bracketed; Illinois steps in s = alpha / (alpha +
-/// trace).
-Vec3 slideLocally(const Local& local) {
-  const double unit = std::max(local.schur.trace(), 1e-12 * local.matrix.trace());
-  const auto excess = [&](double s, Vec2& tangential) {
-    if (s >= 1.0) {
-      tangential.setZero();
-      return -local.mu * local.normalImpulse(tangential);
-    }
-    tangential = solve2(local.schur, unit * s / (1.0 - s), -local.velocity);
-    return tangential.norm() - local.mu * local.normalImpulse(tangential);
-  };
-  Vec2 tangential;
-  double low = 0.0, high = 1.0;
-  double at_low = excess(low, tangential), at_high = excess(high, tangential);
-  const double accuracy = 1e-15 * std::abs(at_high);
-  int side = 0;
-  for (int i = 0; i < 60; ++i) {
-    double s = (low * at_high - high * at_low) / (at_high - at_low);
-    if (i > 30 || !(s > low && s < high)) s = 0.5 * (low + high);
-    if (s == low || s == high) break;
-    const double value = excess(s, tangential);
-    if (std::abs(value) <= accuracy) break;
-    if (value > 0.0) {
-      low = s;
-      at_low = value;
-      if (side == 1) at_high *= 0.5;
-      side = 1;
-    } else {
-      high = s;
-      at_high = value;
-      if (side == -1) at_low *= 0.5;
-      side = -1;
-    }
-  }
-  Vec3 lambda = local.impulse(tangential);
-  lambda[0] = std::max(lambda[0], 0.0);
-  const double length = tangential.norm();
-  if (length > 0.0) lambda.tail<2>() *= local.mu * lambda[0] / length;
-  return lambda;
-}
-
-/// Sliding on the linearized cone: looks through vertices and edges, from the hinted one on, for the one that obeys the
-/// law.
-struct PolygonSlide {
-  const Local& local;
-  const std::vector<Vec2>& corner;
-  const std::vector<Vec2>& normal;
-  const std::vector<Vec2>& tangent;
-  int facets;
-  double slack;  ///< [m/s] taken for rounding
-  double best = infinity;
-  Vec3 lambda = Vec3::Zero();
-  ContactStatus status = {};
-
-  /// Keeps a candidate if it breaks the law less than those before; true if it obeys.
-  bool offer(double violation, const Vec3& candidate, ContactStatus candidate_status) {
-    if (violation >= best) return false;
-    best = violation;
-    lambda = candidate;
-    status = candidate_status;
-    return best <= slack;
-  }
-
-  bool tryVertex(int k) {
-    const Vec2& d = corner[k];
-    const double row = local.matrix(0, 0) + local.mu * (local.matrix(0, 1) * d[0] + local.matrix(0, 2) * d[1]);
-    if (row <= 1e-12 * local.matrix(0, 0)) return false;
-    const double n = -local.free[0] / row;
-    const Vec3 candidate(n, local.mu * n * d[0], local.mu * n * d[1]);
-    const Vec2 w = local.free.tail<2>() + local.matrix.bottomRows<2>() * candidate;
-    const int before = k == 0 ? facets - 1 : k - 1, after = k + 1 == facets ? 0 : k + 1;
-    return offer(std::max(w.dot(d - corner[before]), w.dot(d - corner[after])), candidate, {ContactState::vertex, k});
-  }
-
-  bool tryEdge(int k) {
-    // lambda = n (1, mu cos(pi/k) m) + t (0, e), with w_n = 0 and e . w_t = 0
-    const double reach = local.mu * std::cos(std::numbers::pi / facets);
-    const double half = local.mu * std::sin(std::numbers::pi / facets);
-    const Vec3 along(1.0, reach * normal[k][0], reach * normal[k][1]);
-    const Vec3 across(0.0, tangent[k][0], tangent[k][1]);
-    const Vec3 rows_along = local.matrix * along, rows_across = local.matrix * across;
-    const double a = rows_along[0], b = rows_across[0], c = across.dot(rows_along), d = across.dot(rows_across);
-    const double determinant = a * d - b * c;
-    if (std::abs(determinant) <= 1e-14 * local.matrix(0, 0) * local.matrix.trace()) return false;
-    const double f = across.dot(local.free);
-    const double n = (-d * local.free[0] + b * f) / determinant;
-    const double t = (c * local.free[0] - a * f) / determinant;
-    if (n < 0.0) return false;
-    const Vec3 candidate = n * along + t * across;
-    const Vec2 w = local.free.tail<2>() + local.matrix.bottomRows<2>() * candidate;
-    const double beyond = (std::abs(t) - half * n) * d;
-    return offer(std::max(w.dot(normal[k]), beyond), candidate, {ContactState::edge, k});
-  }
-
-  void search(int hint) {
-    for (int j = 0; j < facets; ++j) {
-      const int k = (hint + j) % facets;
-      if (tryVertex(k) || tryEdge(k)) return;
-    }
-  }
-};
-
-/// One contact's cone as linear inequalities or a second-order cone, for the interior-point method: slack s = G lambda
-/// lies in the self-dual C, which is the positive orthant (a row for each edge of the polygon, or the normal impulse
-/// alone without friction) or the round cone |(s_1, s_2)| <= s_0.
-class ConeRows {
- public:
-  ConeRows(const FrictionCone& cone, const std::vector<Vec2>& normals, double mu)
-      : normals_(normals), mu_(mu), reach_(mu * std::cos(std::numbers::pi / std::max(cone.facets, 3))) {
-    round_ = cone.exact && mu > 0.0;
-    size_ = mu == 0.0 ? 1 : cone.exact ? 3 : cone.facets;
-  }
-  int size() const { return size_; }
-  int degree() const { return round_ ? 1 : size_; }
-
-  void slack(const Vec3& lambda, double* s) const {
-    for (int k = 0; k < size_; ++k) s[k] = row(k).dot(lambda);
-  }
-  Vec3 back(const double* z) const {
-    Vec3 sum = Vec3::Zero();
-    for (int k = 0; k < size_; ++k) sum += z[k] * row(k);
-    return sum;
-  }
-  /// mu times the support function of the cross-section in the direction -w_t: the normal velocity that turns Coulomb's
-  /// law into complementarity of the cone and its dual (de Saxce and Feng). And its derivative.
-  double dissipation(const Vec2& w, const std::vector<Vec2>& corners, Vec2& slope) const {
-    slope.setZero();
-    if (mu_ == 0.0) return 0.0;
-    if (round_) {
-      if (!w.isZero(0.0)) slope = mu_ * w.normalized();
-    } else {
-      Vec2 most = corners.front();
-      for (const Vec2& d : corners)
-        if (w.dot(d) < w.dot(most)) most = d;
-      slope = -mu_ * most;
-    }
-    return slope.dot(w);
-  }
-  static double distance(const double* s) {  // s^T J s without cancellation
-    const double tail = std::hypot(s[1], s[2]);
-    return (s[0] - tail) * (s[0] + tail);
-  }
-
-  /// Scaling of Nesterov and Todd for the round cone, s = N t, z = N^-1 t; for the orthant N is diagonal.
-  struct Scaling {
-    Mat3 n = Mat3::Identity(), inverse = Mat3::Identity();
-    Vec3 point = Vec3::Zero();
-  };
-  Scaling scaling(const double* s, const double* z) const {
-    Scaling result;
-    const double ds = distance(s), dz = distance(z);
-    const Vec3 unit_s = Vec3(s[0], s[1], s[2]) / std::sqrt(ds), unit_z = Vec3(z[0], z[1], z[2]) / std::sqrt(dz);
-    const double gamma = std::sqrt(0.5 * (1.0 + unit_s.dot(unit_z)));
-    Vec3 v = (unit_s + mirror(unit_z)) / (2.0 * gamma);
-    v[0] += 1.0;
-    v /= std::sqrt(2.0 * v[0]);
-    const double beta = std::pow(ds / dz, 0.25);
-    const Mat3 j = Vec3(1, -1, -1).asDiagonal();
-    const Vec3 u = mirror(v);
-    result.n = beta * (2.0 * v * v.transpose() - j);
-    result.inverse = (2.0 * u * u.transpose() - j) / beta;
-    result.point = result.n * Vec3(z[0], z[1], z[2]);
-    return result;
-  }
-  /// What the contact adds to W in the Newton matrix.
-  Mat3 stiffness(const double* s, const double* z) const {
-    Mat3 sum = Mat3::Zero();
-    if (round_) {
-      const Mat3 g = scaling(s, z).inverse * Vec3(mu_, 1.0, 1.0).asDiagonal();
-      return g.transpose() * g;
-    }
-    for (int k = 0; k < size_; ++k) sum += (z[k] / s[k]) * row(k) * row(k).transpose();
-    return sum;
-  }
-  /// The dual step at lambda held, c in dz = c - stiffness ds: towards s z = target, less the product of the
-  /// predictor's steps ds, dz.
-  void center(const double* s, const double* z, double target, const double* ds, const double* dz, double* c) const {
-    if (!round_) {
-      for (int k = 0; k < size_; ++k) c[k] = (target - ds[k] * dz[k]) / s[k] - z[k];
-      return;
-    }
-    const Scaling at = scaling(s, z);
-    const Vec3& p = at.point;
-    const Vec3 a = at.inverse * Vec3(ds[0], ds[1], ds[2]), b = at.n * Vec3(dz[0], dz[1], dz[2]);
-    const Vec3 d = target * Vec3::UnitX() - product(p, p) - product(a, b);
-    const Vec3 x = quotient(p, d);
-    Eigen::Map<Vec3> out(c);
-    out = at.inverse * x;
-  }
-  void dualStep(const double* s, const double* z, const double* ds, double* dz) const {
-    if (!round_) {
-      for (int k = 0; k < size_; ++k) dz[k] -= z[k] / s[k] * ds[k];
-      return;
-    }
-    const Scaling at = scaling(s, z);
-    Eigen::Map<Vec3>(dz) -= at.inverse * (at.inverse * Vec3(ds[0], ds[1], ds[2]));
-  }
-  /// Largest part of the step d from s that stays in C, at most 1e3.
-  double longest(const double* s, const double* d) const {
-    double most = 1e3;
-    if (!round_) {
-      for (int k = 0; k < size_; ++k)
-        if (d[k] < 0.0) most = std::min(most, -s[k] / d[k]);
-      return most;
-    }
-    const double a = d[0] * d[0] - d[1] * d[1] - d[2] * d[2], b = s[0] * d[0] - s[1] * d[1] - s[2] * d[2];
-    const double c = distance(s);
-    const double root = b * b - a * c;
-    if (d[0] < 0.0) most = std::min(most, -s[0] / d[0]);
-    if (root < 0.0 || (a >= 0.0 && b >= 0.0)) return most;
-    const double t = b < 0.0 ? c / (-b + std::sqrt(root)) : (-b - std::sqrt(root)) / a;
-    return t > 0.0 ? std::min(most, t) : most;
-  }
-
- private:
-  Vec3 row(int k) const {
-    if (mu_ == 0.0) return Vec3::UnitX();
-    if (round_) return k == 0 ? Vec3(mu_, 0, 0) : Vec3(0, k == 1, k == 2);
-    return {reach_, -normals_[k][0], -normals_[k][1]};
-  }
-  static Vec3 mirror(const Vec3& v) { return {v[0], -v[1], -v[2]}; }
-  static Vec3 product(const Vec3& a, const Vec3& b) {
-    return {a.dot(b), a[0] * b[1] + b[0] * a[1], a[0] * b[2] + b[0] * a[2]};
-  }
-  /// x with product(p, x) = d
-  static Vec3 quotient(const Vec3& p, const Vec3& d) {
-    const double dp = p[1] * d[1] + p[2] * d[2];
-    const double x0 = (p[0] * d[0] - dp) / distance(p.data());
-    return {x0, (d[1] - x0 * p[1]) / p[0], (d[2] - x0 * p[2]) / p[0]};
-  }
-
-  const std::vector<Vec2>& normals_;
-  double mu_, reach_;
-  bool round_ = false;
-  int size_ = 0;
-};
 
 }  // namespace
 
@@ -543,7 +243,7 @@ void ContactSolver::settleStates(const ContactProblem& problem) {
 void ContactSolver::sweep(const ContactProblem& problem) {
   for (Eigen::Index i = 0; i < rho_.size(); ++i) {
     const Vec3 before = lambda_.segment<3>(3 * i);
-    Local local;
+    SingleContact local;
     local.matrix = problem.delassus.block<3, 3>(3 * i, 3 * i);
     local.mu = problem.friction[i];
     local.free = w_.segment<3>(3 * i) - local.matrix * before;
@@ -564,7 +264,7 @@ void ContactSolver::sweep(const ContactProblem& problem) {
           nearest(problem.cone, local.mu * after[0], after.tail<2>(), point).state == ContactState::stick) {
         status = {ContactState::stick, 0};
       } else if (problem.cone.exact) {
-        after = slideLocally(local);
+        after = slideOnRoundCone(local);
         status = {ContactState::slide, 0};
         if (after.tail<2>().squaredNorm() > 0.0) heading_[i] = after.tail<2>().normalized();
       } else {
@@ -579,195 +279,6 @@ void ContactSolver::sweep(const ContactProblem& problem) {
     lambda_.segment<3>(3 * i) = after;
     w_.noalias() += problem.delassus.middleCols<3>(3 * i) * change;
   }
-}
-
-/// Free directions and test rows of the closed contacts, sticking ones first; lambda is moved onto what the states
-/// allow.
-void ContactSolver::chooseFree(const ContactProblem& problem) {
-  free_.clear();
-  stick_unknowns_ = 0;
-  for (Eigen::Index i = 0; i < rho_.size(); ++i) {
-    if (status_[i].state != ContactState::stick) continue;
-    Free& f = free_.emplace_back();
-    f.contact = static_cast<int>(i);
-    f.dims = 3;
-    f.offset = stick_unknowns_;
-    f.b.setIdentity();
-    f.c.setIdentity();
-    stick_unknowns_ += 3;
-  }
-  slip_unknowns_ = 0;
-  for (Eigen::Index i = 0; i < rho_.size(); ++i) {
-    auto impulse = lambda_.segment<3>(3 * i);
-    const ContactStatus status = status_[i];
-    if (status.state == ContactState::open) impulse.setZero();
-    if (status.state == ContactState::open || status.state == ContactState::stick) continue;
-    const double mu = problem.friction[i];
-    impulse[0] = std::max(impulse[0], 0.0);
-    Free& f = free_.emplace_back();
-    f.contact = static_cast<int>(i);
-    f.offset = slip_unknowns_;
-    f.c(0, 0) = f.b(0, 0) = 1.0;
-    f.dims = 1;
-    Vec2 along = Vec2::Zero(), across = Vec2::Zero();
-    if (status.state == ContactState::vertex) {
-      along = corner_[status.index];
-    } else if (status.state == ContactState::edge) {
-      along = std::cos(std::numbers::pi / problem.cone.facets) * normal_[status.index];
-      across = tangent_[status.index];
-      f.dims = 2;
-    } else if (mu > 0.0) {
-      along = heading_[i];
-      across = Vec2(-along[1], along[0]);
-      f.dims = 2;
-    }
-    const double offset = status.state == ContactState::edge ? across.dot(impulse.tail<2>()) : 0.0;
-    f.b.block<2, 1>(1, 0) = mu * along;
-    f.b.block<2, 1>(1, 1) = f.c.block<2, 1>(1, 1) = across;
-    impulse.tail<2>() = mu * impulse[0] * along + offset * across;
-    slip_unknowns_ += f.dims;
-  }
-}
-
-/// On the exact cone the friction direction turns with the velocity: d(e_perp . w_t) has -(e . w_t) dtheta besides.
-void ContactSolver::setCurvature(const ContactProblem& problem) {
-  if (!problem.cone.exact) return;
-  for (Free& f : free_) {
-    if (f.dims != 2) continue;
-    const double radius = problem.friction[f.contact] * lambda_[3 * f.contact];
-    const double dissipated = std::max(0.0, -heading_[f.contact].dot(w_.segment<2>(3 * f.contact + 1)));
-    const double largest = 1e8 * rho_[f.contact];
-    f.curvature = dissipated < largest * radius ? dissipated / radius : (dissipated > 0.0 ? largest : 0.0);
-  }
-}
-
-/// Factor of  C^T W B + curvature + regularization rho:  Cholesky of the sticking rows, LU of the rest's Schur
-/// complement.
-bool ContactSolver::factorize(const ContactProblem& problem, double regularization) {
-  const Eigen::Index ns = stick_unknowns_, nv = slip_unknowns_, rows = problem.free.size();
-  grow(stick_matrix_, ns * ns);
-  grow(right_, ns * nv);
-  grow(left_, ns * nv);
-  grow(slip_matrix_, nv * nv);
-  grow(column_, 2 * rows);
-  MapX stick(stick_matrix_.data(), ns, ns), right(right_.data(), ns, nv), left(left_.data(), ns, nv);
-  MapX slip(slip_matrix_.data(), nv, nv);
-  Eigen::Map<VecX> moved(column_.data(), rows), tested(column_.data() + rows, rows);
-  for (const Free& j : free_) {
-    if (j.offset + 3 <= ns && j.dims == 3) {
-      for (const Free& i : free_) {
-        if (i.dims != 3) break;
-        stick.block<3, 3>(i.offset, j.offset) = problem.delassus.block<3, 3>(3 * i.contact, 3 * j.contact);
-      }
-      stick.diagonal().segment<3>(j.offset).array() += regularization * rho_[j.contact];
-      continue;
-    }
-    for (int d = 0; d < j.dims; ++d) {
-      const Eigen::Index column = j.offset + d;
-      moved.noalias() = problem.delassus.middleCols<3>(3 * j.contact) * j.b.col(d);
-      tested.noalias() = problem.delassus.middleCols<3>(3 * j.contact) * j.c.col(d);
-      for (const Free& i : free_) {
-        if (i.dims == 3) {
-          right.block<3, 1>(i.offset, column) = moved.segment<3>(3 * i.contact);
-          left.block<3, 1>(i.offset, column) = tested.segment<3>(3 * i.contact);
-        } else {
-          for (int e = 0; e < i.dims; ++e) slip(i.offset + e, column) = i.c.col(e).dot(moved.segment<3>(3 * i.contact));
-        }
-      }
-      slip(column, column) += regularization * rho_[j.contact] + (d == 1 ? j.curvature : 0.0);
-    }
-  }
-  if (ns > 0) {
-    Eigen::Ref<MatX> in_place(stick);
-    const Eigen::LLT<Eigen::Ref<MatX>> cholesky(in_place);
-    if (cholesky.info() != Eigen::Success) return false;
-  }
-  if (nv == 0) return true;
-  if (ns > 0) {
-    const auto lower = stick.triangularView<Eigen::Lower>();
-    lower.solveInPlace(right);
-    lower.solveInPlace(left);
-    slip.noalias() -= left.transpose() * right;
-  }
-  return luInPlace(slip, pivots_);
-}
-
-/// Minus what the states leave of the rows that should vanish, into rhs_; returns the largest.
-double ContactSolver::freeResidual(const ContactProblem& problem) {
-  const Eigen::Index unknowns = stick_unknowns_ + slip_unknowns_;
-  rhs_.resize(problem.free.size());  // as many as there can be, so that it keeps its size
-  for (const Free& f : free_) {
-    const int offset = f.dims == 3 ? f.offset : stick_unknowns_ + f.offset;
-    Vec3 w = w_.segment<3>(3 * f.contact);
-    w[0] -= problem.bias[f.contact];
-    if (problem.cone.exact && f.dims == 2) {
-      const Vec2& along = heading_[f.contact];
-      rhs_[offset] = -w[0];
-      rhs_[offset + 1] = along[1] * w[1] - along[0] * w[2];
-    } else {
-      for (int d = 0; d < f.dims; ++d) rhs_[offset + d] = -f.c.col(d).dot(w);
-    }
-  }
-  return unknowns > 0 ? rhs_.head(unknowns).lpNorm<Eigen::Infinity>() : 0.0;
-}
-
-/// Solves with the factor for rhs_ and moves lambda along the free directions.
-void ContactSolver::stepFree(const ContactProblem& problem) {
-  const Eigen::Index ns = stick_unknowns_, nv = slip_unknowns_;
-  const Eigen::Map<const MatX> stick(stick_matrix_.data(), ns, ns), right(right_.data(), ns, nv),
-      left(left_.data(), ns, nv), slip(slip_matrix_.data(), nv, nv);
-  auto sticking = rhs_.head(ns);
-  auto slipping = rhs_.segment(ns, nv);
-  if (ns > 0) stick.triangularView<Eigen::Lower>().solveInPlace(sticking);
-  if (nv > 0) {
-    if (ns > 0) slipping.noalias() -= left.transpose() * sticking;
-    luSolve(slip, pivots_, slipping);
-    if (ns > 0) sticking.noalias() -= right * slipping;
-  }
-  if (ns > 0) stick.transpose().triangularView<Eigen::Upper>().solveInPlace(sticking);
-  for (const Free& f : free_) {
-    auto impulse = lambda_.segment<3>(3 * f.contact);
-    const auto change = rhs_.segment(f.dims == 3 ? f.offset : stick_unknowns_ + f.offset, f.dims);
-    if (f.dims == 3) {
-      impulse += change;
-    } else if (!problem.cone.exact || f.dims == 1) {
-      for (int d = 0; d < f.dims; ++d) impulse += change[d] * f.b.col(d);
-    } else {
-      // along the cone's tangent plane, then back onto the cone
-      Vec2& along = heading_[f.contact];
-      impulse[0] += change[0];
-      const double radius = problem.friction[f.contact] * impulse[0];
-      if (radius > 0.0) along = (radius * along + change[1] * Vec2(-along[1], along[0])).normalized();
-      impulse.tail<2>() = radius * along;
-    }
-  }
-}
-
-/// Solves the linear system that the states leave. Proximal: regularised so that redundant contacts do no harm, then
-/// repeated with the same factor, which takes the regularization out again and stays near the impulses it came from.
-bool ContactSolver::newton(const ContactProblem& problem, double tolerance, Work& work) {
-  chooseFree(problem);
-  updateVelocity(problem, lambda_, w_);
-  setCurvature(problem);
-  double regularization = 1e-9;
-  const double stick = stick_unknowns_, slip = slip_unknowns_;
-  const double cost = stick * stick * stick / 3.0 + 2.0 * stick * slip * slip + 2.0 * stick * stick * slip +
-                      2.0 / 3.0 * slip * slip * slip + 2.0 * slip * work.rows;
-  work.operations += cost;
-  while (!factorize(problem, regularization)) {
-    work.operations += cost;
-    regularization *= 100.0;
-    if (regularization > 1.0) return false;
-  }
-  double before = infinity;
-  for (int k = 0; k < 6; ++k) {
-    const double left = freeResidual(problem);
-    if (left <= 0.1 * tolerance || left > 0.5 * before || !std::isfinite(left)) break;
-    before = left;
-    stepFree(problem);
-    updateVelocity(problem, lambda_, w_);
-  }
-  return lambda_.allFinite();
 }
 
 /// Keeps lambda as the best so far if it is; returns its residual.
@@ -834,8 +345,9 @@ void ContactSolver::proximal(const ContactProblem& problem, double tolerance, Be
   grow(shifted_matrix_, rows * rows);
   MapX shifted(shifted_matrix_.data(), rows, rows);
   shifted = problem.delassus;
+  const double speed = std::max(problem.free.lpNorm<Eigen::Infinity>(), problem.bias.lpNorm<Eigen::Infinity>());
   double applied = 0.0;
-  double shift = first_shift;
+  double shift = best.residual < 1e-3 * speed ? first_shift_near : first_shift;
   center_ = best;
   while (best.residual > tolerance && work.left()) {
     shifted_free_ = problem.free;
@@ -861,114 +373,38 @@ void ContactSolver::proximal(const ContactProblem& problem, double tolerance, Be
   }
 }
 
-/// Interior-point iterations (Mehrotra's predictor and corrector) on the cones and their duals. Their central path
-/// leads to the middle of the set of solutions, where redundant contacts share the load; Newton steps on the states
-/// finish. The dissipation that Coulomb's law adds to the normal rows is differentiated too, hence LU.
-void ContactSolver::interior(const ContactProblem& problem, double tolerance, Best& best, Work& work) {
-  const Eigen::Index rows = problem.free.size();
-  const double cost = 2.0 / 3.0 * std::pow(static_cast<double>(rows), 3) + 2.0 * work.product;
+/// Interior-point iterations; what they come to is rounded to states. Newton steps on those now and then, and at the
+/// end.
+void ContactSolver::interior(const ContactProblem& problem, double tolerance, double acceptable, Best& best,
+                             Work& work) {
+  const double cost = InteriorPoint::cost(static_cast<double>(rho_.size())) + 3.0 * work.product;
   if (work.remaining() < least_interior * cost) return;
+  const double most = work.operations + std::max(part_interior * work.remaining(), least_interior * cost);
   const double speed = std::max(problem.free.lpNorm<Eigen::Infinity>(), problem.bias.lpNorm<Eigen::Infinity>());
-  const double count = static_cast<double>(startInterior(problem, speed));
-  double attempted = infinity, length = 1.0;
-  for (int k = 0; k < most_interior && work.left(); ++k) {
+  interior_.start(problem, rho_, speed);
+  double attempted = infinity, gained = infinity;
+  int idle = 0;
+  for (int k = 0; k < most_interior && idle < idle_interior && work.left() && work.operations < most; ++k) {
     work.spend(cost);
-    lambda_ = inner_lambda_;
+    if (!interior_.iterate(problem, rho_)) break;
+    lambda_ = interior_.impulse();
     updateVelocity(problem, lambda_, w_);
     classify(problem);
     settleStates(problem);
     updateVelocity(problem, lambda_, w_);
     const double now = keepBest(problem, best);
-    if (now <= tolerance) return;
+    if (now <= acceptable) break;
+    idle = now < 0.9 * gained ? 0 : idle + 1;
+    gained = std::min(gained, now);
     if (now < 1e-4 * speed && now < 0.1 * attempted) {
       attempted = now;
       newtonPhase(problem, tolerance, best, 1, work);
-      if (best.residual <= tolerance) return;
+      if (best.residual <= acceptable) return;
     }
-    updateVelocity(problem, inner_lambda_, w_);
-    if (!factorizeInterior(problem)) return;
-    const double average = slack_.dot(dual_) / count;
-    slack_step_.setZero();
-    dual_step_.setZero();
-    const double reach = interiorStep(problem, 0.0);
-    const double reached = (slack_ + reach * slack_step_).dot(dual_ + reach * dual_step_) / count;
-    const bool stuck = length < 0.3;  // near the border: back to the middle, without the corrector's second-order term
-    if (stuck) {
-      slack_step_.setZero();
-      dual_step_.setZero();
-    }
-    length = interiorStep(problem,
-                          average * std::max(std::pow(std::clamp(reached / average, 0.0, 1.0), 3), stuck ? 0.7 : 0.1));
-    if (!(length > 1e-10) || !inner_step_.allFinite()) return;
-    inner_lambda_ += length * inner_step_;
-    slack_ += length * slack_step_;
-    dual_ += length * dual_step_;
   }
-}
-
-/// A point inside all cones; returns the number of products that should vanish.
-Eigen::Index ContactSolver::startInterior(const ContactProblem& problem, double speed) {
-  const Eigen::Index m = rho_.size();
-  cone_stride_ = problem.cone.exact ? 3 : problem.cone.facets;
-  for (VecX* v : {&slack_, &dual_, &slack_step_, &dual_step_, &target_}) v->setZero(cone_stride_ * m);
-  inner_lambda_.setZero(3 * m);
-  inner_step_.resize(3 * m);
-  Eigen::Index count = 0;
-  for (Eigen::Index i = 0; i < m; ++i) {
-    const ConeRows cone(problem.cone, normal_, problem.friction[i]);
-    inner_lambda_[3 * i] = speed / rho_[i];
-    cone.slack(inner_lambda_.segment<3>(3 * i), &slack_[cone_stride_ * i]);
-    for (int k = 0; k < cone.degree(); ++k) dual_[cone_stride_ * i + k] = speed;
-    count += cone.degree();
-  }
-  return count;
-}
-
-/// LU of W, the cones' stiffness and the derivative of the dissipation; the residual of the velocities besides.
-bool ContactSolver::factorizeInterior(const ContactProblem& problem) {
-  const Eigen::Index rows = problem.free.size(), m = rho_.size();
-  grow(shifted_matrix_, rows * rows);
-  MapX matrix(shifted_matrix_.data(), rows, rows);
-  matrix = problem.delassus;
-  dual_residual_ = w_;
-  for (Eigen::Index i = 0; i < m; ++i) {
-    const ConeRows cone(problem.cone, normal_, problem.friction[i]);
-    const double *slack = &slack_[cone_stride_ * i], *dual = &dual_[cone_stride_ * i];
-    Vec2 slope;
-    dual_residual_[3 * i] += cone.dissipation(w_.segment<2>(3 * i + 1), corner_, slope) - problem.bias[i];
-    dual_residual_.segment<3>(3 * i) -= cone.back(dual);
-    const Mat3 stiffness = cone.stiffness(slack, dual);
-    if (!slope.isZero(0.0)) {
-      const auto w_rows = problem.delassus.middleRows<2>(3 * i + 1);
-      matrix.row(3 * i) += slope[0] * w_rows.row(0) + slope[1] * w_rows.row(1);
-    }
-    matrix.block<3, 3>(3 * i, 3 * i) += stiffness;
-    matrix.diagonal().segment<3>(3 * i).array() += 1e-11 * rho_[i] + 1e-15 * stiffness.trace();
-  }
-  return luInPlace(matrix, pivots_);
-}
-
-/// The step towards products of `aim`, less the product of the steps that are there; returns how far it may be gone.
-double ContactSolver::interiorStep(const ContactProblem& problem, double aim) {
-  const Eigen::Index rows = problem.free.size(), m = rho_.size();
-  inner_step_ = -dual_residual_;
-  for (Eigen::Index i = 0; i < m; ++i) {
-    const Eigen::Index at = cone_stride_ * i;
-    const ConeRows cone(problem.cone, normal_, problem.friction[i]);
-    cone.center(&slack_[at], &dual_[at], aim, &slack_step_[at], &dual_step_[at], &target_[at]);
-    inner_step_.segment<3>(3 * i) += cone.back(&target_[at]);
-  }
-  luSolve(MapX(shifted_matrix_.data(), rows, rows), pivots_, inner_step_);
-  double length = 1.0 / near_border;
-  dual_step_ = target_;
-  for (Eigen::Index i = 0; i < m; ++i) {
-    const Eigen::Index at = cone_stride_ * i;
-    const ConeRows cone(problem.cone, normal_, problem.friction[i]);
-    cone.slack(inner_step_.segment<3>(3 * i), &slack_step_[at]);
-    cone.dualStep(&slack_[at], &dual_[at], &slack_step_[at], &dual_step_[at]);
-    length = std::min({length, cone.longest(&slack_[at], &slack_step_[at]), cone.longest(&dual_[at], &dual_step_[at])});
-  }
-  return near_border * length;
+  if (best.residual <= tolerance) return;
+  goTo(problem, best);
+  newtonPhase(problem, tolerance, best, 4, work);
 }
 
 /// True if the states that came with a warm start can be used as they are.
@@ -992,20 +428,27 @@ bool ContactSolver::acceptHint(const ContactProblem& problem, const std::vector<
 /// Takes from impulses that are no solution what would feed energy in: friction along its contact's velocity is
 /// shortened or dropped, and all impulses are scaled back while together they do more work than the bias asks for.
 void ContactSolver::makePassive(const ContactProblem& problem, double slack) {
-  constexpr int gentle = 200, rounds = 210;
-  constexpr double beyond = 1.2;  // over-relaxation, so that few rounds do
-  for (int round = 0; round <= rounds; ++round) {
+  // Rounds that shorten come before those that drop: on coupled contacts they contract slowly, by a few contacts each,
+  // but dropping friction spoils what was nearly solved. Their work is counted.
+  constexpr int most_gentle = 5000;
+  constexpr double most_operations = 2e9;
+  constexpr double beyond = 1.5;  // over-relaxation, so that few rounds do
+  double operations = 0.0;
+  int gentle = most_gentle;
+  for (int round = 0; round <= gentle + 10; ++round) {
+    if (operations > most_operations && round < gentle) gentle = std::max(round, 200);
     bool changed = false;
     for (Eigen::Index i = 0; i < rho_.size(); ++i) {
       const Vec2 friction = lambda_.segment<2>(3 * i + 1);
       const double power = friction.dot(w_.segment<2>(3 * i + 1));
-      if (friction.isZero(0.0) || (power <= slack * friction.norm() && round < rounds)) continue;
+      if (friction.isZero(0.0) || (power <= slack * friction.norm() && round < gentle + 10)) continue;
       const double own = friction.dot(problem.delassus.block<2, 2>(3 * i + 1, 3 * i + 1) * friction);
       // with the share s of the friction its power is s (others + s own)
       const double share = own > 0.0 && round < gentle ? std::clamp(1.0 - beyond * power / own, 0.0, 1.0) : 0.0;
       lambda_.segment<2>(3 * i + 1) = share * friction;
       w_.noalias() += problem.delassus.middleCols<2>(3 * i + 1) * ((share - 1.0) * friction);
       status_[i] = {ContactState::stick, 0};
+      operations += 12.0 * static_cast<double>(rho_.size());
       changed = true;
     }
     double allowed = 0.0;
@@ -1150,13 +593,8 @@ ContactSolverReport ContactSolver::solvePart(const ContactProblem& problem, cons
   // a state once settled is good to the goal itself, so that a solution given back is returned as it is
   if (keepBest(problem, best_) > goal) {
     if (hinted) newtonPhase(problem, tolerance, best_, 20, work);
-    if (!alternate(problem, tolerance, best_, 2, work) && best_.residual > acceptable) {
-      // a few proximal rounds are cheaper than the interior-point method, many are not
-      work.max_iterations = std::min(settings.max_iterations, work.iterations + first_proximal);
-      proximal(problem, tolerance, best_, work);
-      work.max_iterations = settings.max_iterations;
-    }
-    if (best_.residual > acceptable) interior(problem, tolerance, best_, work);
+    alternate(problem, tolerance, best_, 2, work);
+    if (best_.residual > acceptable) interior(problem, tolerance, acceptable, best_, work);
     if (best_.residual > acceptable) proximal(problem, tolerance, best_, work);
     lambda_ = best_.lambda;
     status_ = best_.status;

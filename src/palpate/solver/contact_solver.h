@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "palpate/math/types.h"
+#include "palpate/solver/contact_interior.h"
 
 namespace palpate {
 
@@ -43,7 +44,7 @@ struct ContactSolverSettings {
   int max_iterations = 1000;
   /// Bound on the work of a solve, counted in factorizations: 18 m^3 + 2000 m^2 + 2e5 m operations each, m contacts.
   /// Counted, not clocked, so the result stays deterministic. What a hard problem may take; most need far less.
-  double max_work = 30.0;
+  double max_work = 60.0;
   double max_operations =
       std::numeric_limits<double>::infinity();  ///< the same without regard to m; about 1e10 a second
   double tolerance = 1e-10;                     ///< on the residual, relative to the largest velocity in the problem
@@ -77,7 +78,8 @@ Vec3 edgeTangent(int index, int facets);
 double contactResidual(const ContactProblem& problem, const VecX& lambda);
 
 /// Solves ContactProblem: Gauss-Seidel sweeps with exact solutions of single contacts find the states, Newton steps on
-/// the rows that the states leave free solve them to the last digits (docs/contact-solver.md). Keep one for each scene:
+/// the rows that the states leave free solve them to the last digits; where that fails, interior-point iterations and
+/// proximal ones find the states (docs/contact-solver.md). Keep one for each scene:
 /// it owns the workspace, which grows on demand and is reused. Deterministic: the result depends on the arguments only.
 class ContactSolver {
  public:
@@ -142,10 +144,7 @@ class ContactSolver {
   void newtonPhase(const ContactProblem& problem, double tolerance, Best& best, int steps, Work& work);
   bool alternate(const ContactProblem& problem, double tolerance, Best& best, int rounds, Work& work);
   void proximal(const ContactProblem& problem, double tolerance, Best& best, Work& work);
-  void interior(const ContactProblem& problem, double tolerance, Best& best, Work& work);
-  Eigen::Index startInterior(const ContactProblem& problem, double speed);
-  bool factorizeInterior(const ContactProblem& problem);
-  double interiorStep(const ContactProblem& problem, double aim);
+  void interior(const ContactProblem& problem, double tolerance, double acceptable, Best& best, Work& work);
   void makePassive(const ContactProblem& problem, double slack);
   void findParts(const ContactProblem& problem);
   ContactSolverReport solvePart(const ContactProblem& problem, const ContactSolverSettings& settings, double scale,
@@ -166,9 +165,7 @@ class ContactSolver {
   std::vector<Eigen::Vector2d> heading_;  ///< [m] unit direction of friction, exact cone
   Best best_, swept_, nearby_, center_;   ///< of the problem; where sweeps ended; of a proximal problem
   VecX shifted_free_;
-  VecX inner_lambda_, inner_step_, slack_, dual_, slack_step_, dual_step_, target_,
-      dual_residual_;  ///< of the interior-point method: inner_ [3m], the others cone_stride_ for each contact
-  Eigen::Index cone_stride_ = 0;
+  InteriorPoint interior_;
   std::vector<Eigen::Vector2d> corner_, normal_, tangent_;  ///< [facets] of the unit polygon
   std::vector<Free> free_;                                  ///< closed contacts, sticking ones first
   int stick_unknowns_ = 0, slip_unknowns_ = 0;

@@ -114,6 +114,7 @@ struct SparseCholesky::Impl {
   std::vector<double> permuted_values;  // of CHOLMOD's numeric factorization only
 
   PanelFactor panels;
+  PanelGram gram;
   std::vector<double> panel_values;  // with padding
   const double* factor = nullptr;    // panel_values once they hold a factor
 
@@ -185,6 +186,7 @@ void SparseCholesky::Impl::findPanels() {
     found.push_back(panel);
   }
   panels.setStructure(std::move(found), std::move(rows));
+  gram.setStructure(panels);
 }
 
 void SparseCholesky::Impl::buildDestinations(const SymmetricBlockMatrix& pattern) {
@@ -390,6 +392,19 @@ void SparseCholesky::solveFromTrailing(const Eigen::Ref<const MatX>& r, Eigen::R
     m.panels.backward<W>(m.factor, m.work.data());
     m.scatterBack<W>(x, column, count, false);
   });
+}
+
+void SparseCholesky::gram(const BlockColumns& columns, MatX& out) {
+  Impl& m = *impl_;
+  out.resize(3 * columns.size(), 3 * columns.size());
+  m.gram.compute(m.panels, m.factor, m.position, columns, out);
+}
+
+double SparseCholesky::gramOperations(std::span<const int> nodes) {
+  std::vector<int> positions;
+  positions.reserve(nodes.size());
+  for (const int n : nodes) positions.push_back(impl_->position[n]);
+  return impl_->gram.operations(impl_->panels, positions);
 }
 
 const SparseCholesky::Statistics& SparseCholesky::statistics() const { return impl_->statistics; }

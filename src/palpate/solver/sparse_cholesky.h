@@ -6,6 +6,7 @@
 #include <string>
 
 #include "palpate/math/types.h"
+#include "palpate/solver/panel_gram.h"
 #include "palpate/solver/symmetric_block_matrix.h"
 
 namespace palpate {
@@ -57,6 +58,13 @@ class SparseCholesky {
   /// x = A^-1 E_c r for a right-hand side that acts on the last nodes only: r [3 last x columns] in their order,
   /// x [3 nodes x columns] in the caller's node order. Costs little more than half a solve().
   void solveFromTrailing(const Eigen::Ref<const MatX>& r, Eigen::Ref<MatX> x);
+
+  /// Lower triangle of `out` = R^T A^-1 R for columns R that act on few nodes each, in the caller's node order; `out`
+  /// gets the size [3 columns.size()] square, its upper triangle is left undefined. For rows on the last nodes
+  /// trailing() is the faster way; this one needs no nodes ordered last, and so spares their fill.
+  void gram(const BlockColumns& columns, MatX& out);
+  /// Operations that gram() takes for one contact, three columns, on each of the given nodes.
+  double gramOperations(std::span<const int> nodes);
 
   const Statistics& statistics() const;
 

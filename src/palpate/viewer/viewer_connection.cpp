@@ -40,8 +40,9 @@ class ViewerConnection final : public Connection, public Viewer {
   }
 
   void flush() override {
-    if (sending_ || number_ == 0) return;
+    if (number_ == 0) return;
     if (queue.overflowing()) return leave(websocket::close_code::policy_error, "too slow");
+    if (sending_) return;
     auto message = queue.next();
     if (!message) return;
     sending_ = std::move(message->bytes);
