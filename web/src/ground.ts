@@ -14,9 +14,10 @@ export class Ground {
   private readonly grid: ShaderMaterial;
   private readonly shadow: ShadowMaterial;
 
-  constructor(point: Vec3, normal: Vec3, center: Vector3, radius: number) {
+  /** @param fade radii at which the grid has faded to a third */
+  constructor(point: Vec3, normal: Vec3, center: Vector3, radius: number, fade: number) {
     const n = new Vector3().fromArray(normal).normalize();
-    const size = radius * 24;
+    const size = radius * fade * 4.8;
     const geometry = new PlaneGeometry(size, size);
     this.grid = new ShaderMaterial({
       transparent: true,
@@ -25,7 +26,7 @@ export class Ground {
       uniforms: {
         uColor: { value: new Color() },
         uSpacing: { value: gridSpacing(radius) },
-        uFade: { value: radius * 5 },
+        uFade: { value: radius * fade },
         uOpacity: { value: 1 },
       },
       vertexShader: /* glsl */ `
@@ -55,7 +56,7 @@ export class Ground {
         }`,
     });
     this.shadow = new ShadowMaterial({ opacity: 0.3, depthWrite: false });
-    const shadow = new Mesh(new PlaneGeometry(7 * radius, 7 * radius), this.shadow);
+    const shadow = new Mesh(new PlaneGeometry(6 * radius, 6 * radius), this.shadow);
     shadow.receiveShadow = true;
     shadow.renderOrder = -2;
     const grid = new Mesh(geometry, this.grid);

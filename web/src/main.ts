@@ -300,8 +300,8 @@ class App {
     setText(element('replay-title'), `Replay of ${name}`);
     button('replay-leave').hidden = !leavable;
     const slider = input('replay-time');
-    slider.min = String(replay.start);
-    slider.max = String(replay.end);
+    slider.min = (Math.floor(replay.start * 1000) / 1000).toFixed(3);
+    slider.max = (Math.ceil(replay.end * 1000) / 1000).toFixed(3);
     this.panel.time.now();
     this.showLink();
     element('holder').hidden = true;

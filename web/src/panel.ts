@@ -64,10 +64,10 @@ export class Panel {
       title: 'Visual step',
       unit: 'ms',
       series: [
-        { label: 'all', color: '--felt', track: steps, column: STEPS.milliseconds, hold: true },
+        { label: 'step', color: '--felt', track: steps, column: STEPS.milliseconds, hold: true },
         { label: 'contact', color: '--x', track: steps, column: STEPS.milliseconds + 4, hold: true },
-        { label: 'factorize', color: '--z', track: steps, column: STEPS.milliseconds + 2, hold: true },
-        { label: 'linearize', color: '--vc', track: steps, column: STEPS.milliseconds + 6, hold: true },
+        { label: 'factor', color: '--z', track: steps, column: STEPS.milliseconds + 2, hold: true },
+        { label: 'linear', color: '--vc', track: steps, column: STEPS.milliseconds + 6, hold: true },
       ],
       span: 1,
       fromZero: true,

@@ -52,6 +52,9 @@ export interface Pick {
   distance: number;
 }
 
+/** Pixels of the picture for one of the page at most, by quality; the two lowest are for processors. */
+const PIXEL_RATIOS = [0.5, 0.75, 1, 1.5, 2];
+
 const TOOL_COLOR = '#f0c592';
 const SOFT_COLORS = ['#86b0b4', '#a9b58a', '#b39bc0', '#9fb0cc'];
 const RIGID_COLOR = '#a3acb6';
@@ -123,7 +126,7 @@ export class View3D {
   private dark = false;
   private width = 1;
   private height = 1;
-  private quality = 2;
+  private quality = PIXEL_RATIOS.length - 1;
   private slow = 0;
   private readonly heldCenter = new Vector3();
 
@@ -134,7 +137,7 @@ export class View3D {
     this.software = drawnByProcessor();
     const antialias = !this.software;
     this.renderer = new WebGLRenderer({ canvas, antialias, alpha: true, powerPreference: 'high-performance' });
-    if (this.software) this.quality = 0;
+    if (this.software) this.quality = 1;
     this.renderer.outputColorSpace = SRGBColorSpace;
     this.renderer.toneMapping = NeutralToneMapping;
     this.renderer.toneMappingExposure = 1.12;
@@ -202,8 +205,7 @@ export class View3D {
     if (width < 1 || height < 1) return;
     this.width = width;
     this.height = height;
-    const cap = [1, 1.5, 2][this.quality] ?? 1;
-    this.renderer.setPixelRatio(Math.min(window.devicePixelRatio || 1, this.software ? 0.75 : cap));
+    this.renderer.setPixelRatio(Math.min(window.devicePixelRatio || 1, PIXEL_RATIOS[this.quality] ?? 1));
     this.renderer.setSize(width, height, false);
     this.orbit.resize(width, height);
     this.invalidate();
@@ -236,7 +238,7 @@ export class View3D {
     this.radius = Math.max(1e-3, box.getSize(new Vector3()).length() / 2);
     for (const obstacle of geometry.obstacles) {
       if (obstacle.shape === 'plane') {
-        const ground = new Ground(obstacle.point, obstacle.normal, this.center, this.radius);
+        const ground = new Ground(obstacle.point, obstacle.normal, this.center, this.radius, this.software ? 3 : 5);
         this.grounds.push(ground);
         this.world.add(ground.group);
       } else {
@@ -280,7 +282,7 @@ export class View3D {
     key.target.position.copy(center);
     this.rim.position.copy(center).add(new Vector3(2, 2.6, 1.2).multiplyScalar(r));
     const shadow = key.shadow;
-    const size = this.quality > 0 ? 1024 : 512;
+    const size = this.software ? 512 : 1024;
     shadow.mapSize.set(size, size);
     const camera = shadow.camera;
     camera.left = camera.bottom = -2.1 * r;
@@ -474,9 +476,11 @@ export class View3D {
 
   /** Fewer pixels where pictures come too slowly. */
   private adapt(gap: number): void {
-    if (this.quality === 0 || gap > 500) return;
-    this.slow = gap > 26 ? this.slow + 1 : Math.max(0, this.slow - 1);
-    if (this.slow < 45) return;
+    const least = this.software ? 0 : 2;
+    const slow = this.software ? 100 : 26; // ms
+    if (this.quality <= least || gap > 3000) return; // a hidden page draws nothing for long
+    this.slow = gap > slow ? this.slow + 1 : Math.max(0, this.slow - 1);
+    if (this.slow < (this.software ? 8 : 45)) return;
     this.slow = 0;
     --this.quality;
     this.resize(this.width, this.height);
