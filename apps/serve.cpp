@@ -5,7 +5,7 @@
 #include <cstdio>
 #include <nlohmann/json.hpp>
 
-#include "palpate/viewer/messages.h"
+#include "palpate/live/messages.h"
 
 namespace palpate {
 

@@ -1,4 +1,4 @@
-#include "palpate/viewer/messages.h"
+#include "palpate/live/messages.h"
 
 #include <gtest/gtest.h>
 

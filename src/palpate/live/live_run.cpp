@@ -1,4 +1,4 @@
-#include "palpate/viewer/live_run.h"
+#include "palpate/live/live_run.h"
 
 #include <fmt/chrono.h>
 #include <fmt/format.h>
@@ -18,11 +18,11 @@
 
 #include "palpate/common/error.h"
 #include "palpate/common/overloaded.h"
+#include "palpate/live/recorder.h"
 #include "palpate/scene/overrides.h"
 #include "palpate/session/realtime_loops.h"
 #include "palpate/session/run_files.h"
 #include "palpate/viewer/commands.h"
-#include "palpate/viewer/recorder.h"
 
 namespace palpate {
 namespace {

@@ -1,4 +1,4 @@
-#include "palpate/viewer/live_run.h"
+#include "palpate/live/live_run.h"
 
 #include <gtest/gtest.h>
 

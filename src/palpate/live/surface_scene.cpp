@@ -1,9 +1,9 @@
 #include <algorithm>
 
 #include "palpate/common/error.h"
+#include "palpate/live/live_run.h"
 #include "palpate/mesh/surface_io.h"
 #include "palpate/mesh/surface_measures.h"
-#include "palpate/viewer/live_run.h"
 
 namespace palpate {
 

@@ -1,4 +1,4 @@
-#include "palpate/viewer/recorder.h"
+#include "palpate/live/recorder.h"
 
 #include <cmath>
 

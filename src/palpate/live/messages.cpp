@@ -1,4 +1,4 @@
-#include "palpate/viewer/messages.h"
+#include "palpate/live/messages.h"
 
 #include <algorithm>
 #include <bit>
@@ -7,7 +7,7 @@
 
 #include "palpate/contact/obstacle.h"
 #include "palpate/haptics/coupling.h"
-#include "palpate/viewer/byte_writer.h"
+#include "palpate/live/byte_writer.h"
 
 namespace palpate {
 namespace {

@@ -5,8 +5,8 @@
 #include <memory>
 #include <mutex>
 
+#include "palpate/live/messages.h"
 #include "palpate/record/output_folder.h"
-#include "palpate/viewer/messages.h"
 
 namespace palpate {
 

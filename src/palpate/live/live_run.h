@@ -8,9 +8,9 @@
 #include <string_view>
 #include <vector>
 
+#include "palpate/live/messages.h"
 #include "palpate/scene/config.h"
 #include "palpate/viewer/audience.h"
-#include "palpate/viewer/messages.h"
 
 namespace palpate {
 
