@@ -165,7 +165,7 @@ TEST(ViewerMessages, StressOfUniaxialStrain) {
 
 TEST(ViewerMessages, SamplesHoldEveryRow) {
   LinkParameters link;
-  SampleEncoder encoder(link, 3);
+  SampleEncoder encoder(link, Vec3(0, 0, -0.5), 3);
   VisualRecord step;
   step.time = 0.02;
   step.model.time = 0.02;
@@ -198,6 +198,7 @@ TEST(ViewerMessages, SamplesHoldEveryRow) {
   const auto row = in.f32s(28);
   EXPECT_NEAR(row[0], -0.02, 1e-7);
   EXPECT_EQ(row[1], 7);
+  EXPECT_EQ(row[3], -0.5);  // the handle's weight
   EXPECT_NEAR(row[7], 2.0, 1e-5);
   EXPECT_NEAR(row[11], 2.0, 1e-5);
   EXPECT_EQ(row[16], 4);

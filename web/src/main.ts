@@ -420,7 +420,8 @@ class App {
   private placeHint(now: number): void {
     const hint = element('hint');
     if (!this.held && this.hintAfter === 0 && this.frame) this.hintAfter = now + 600;
-    const wanted = !this.held && !this.replay && this.frame !== null && this.state?.hand === null && now > this.hintAfter;
+    const red = this.view.shown.color === 'plain';
+    const wanted = red && !this.held && !this.replay && this.frame !== null && this.state?.hand === null && now > this.hintAfter;
     if (hint.hidden === wanted) hint.hidden = !wanted;
     if (!wanted) return;
     const at = this.view.project(this.view.handleCenter);

@@ -10,7 +10,7 @@ import {
   Matrix4,
   Mesh,
   MeshBasicMaterial,
-  MeshStandardMaterial,
+  MeshLambertMaterial,
   Quaternion,
   SphereGeometry,
   TorusGeometry,
@@ -38,7 +38,7 @@ export class Arrow {
   private readonly direction = new Vector3();
 
   constructor(color: Color) {
-    const material = new MeshStandardMaterial({ color, roughness: 0.5, emissive: color, emissiveIntensity: 0.25 });
+    const material = new MeshLambertMaterial({ color, emissive: color, emissiveIntensity: 0.25 });
     const shaft = new CylinderGeometry(1, 1, 1, 20);
     shaft.translate(0, 0.5, 0);
     const head = new ConeGeometry(2.4, 6, 28);
@@ -69,12 +69,12 @@ export class Arrow {
 export class Ring {
   readonly group = new Group();
   readonly edge = new Vector3();
-  private readonly material: MeshStandardMaterial;
+  private readonly material: MeshLambertMaterial;
   private readonly arc: Mesh;
   private readonly head: Mesh;
 
   constructor(color: Color) {
-    this.material = new MeshStandardMaterial({ color, roughness: 0.5, emissive: color, emissiveIntensity: 0.25 });
+    this.material = new MeshLambertMaterial({ color, emissive: color, emissiveIntensity: 0.25 });
     const angle = Math.PI * 1.5;
     this.arc = new Mesh(new TorusGeometry(1, 0.035, 10, 64, angle), this.material);
     const cone = new ConeGeometry(0.1, 0.26, 24);

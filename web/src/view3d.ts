@@ -13,7 +13,7 @@ import {
   LineBasicMaterial,
   LinearFilter,
   Mesh,
-  MeshStandardMaterial,
+  MeshLambertMaterial,
   NeutralToneMapping,
   PCFShadowMap,
   Raycaster,
@@ -101,7 +101,7 @@ export class View3D {
   private readonly sky = new HemisphereLight('#ffffff', '#b9a999', 1.25);
   private readonly shared: Shared;
   private grounds: Ground[] = [];
-  private obstacles: { mesh: Mesh<BufferGeometry, MeshStandardMaterial>; vertices: Float32Array; triangles: Uint32Array }[] = [];
+  private obstacles: { mesh: Mesh<BufferGeometry, MeshLambertMaterial>; vertices: Float32Array; triangles: Uint32Array }[] = [];
   private readonly force = new Arrow(new Color(FORCE_COLOR));
   private readonly torque = new Ring(new Color(TORQUE_COLOR));
   private readonly contacts = new Contacts();
@@ -138,6 +138,7 @@ export class View3D {
     const antialias = !this.software;
     this.renderer = new WebGLRenderer({ canvas, antialias, alpha: true, powerPreference: 'high-performance' });
     if (this.software) this.quality = 1;
+    this.renderer.debug.checkShaderErrors = false; // asking for errors waits for each shader in turn
     this.renderer.outputColorSpace = SRGBColorSpace;
     this.renderer.toneMapping = NeutralToneMapping;
     this.renderer.toneMappingExposure = 1.12;
@@ -270,7 +271,7 @@ export class View3D {
     geometry.setAttribute('position', new BufferAttribute(shading.positions, 3));
     geometry.setAttribute('normal', new BufferAttribute(shading.normals, 3));
     geometry.setIndex(new BufferAttribute(shading.triangles, 1));
-    const mesh = new Mesh(geometry, new MeshStandardMaterial({ color: OBSTACLE_COLOR, roughness: 0.75 }));
+    const mesh = new Mesh(geometry, new MeshLambertMaterial({ color: OBSTACLE_COLOR }));
     mesh.castShadow = mesh.receiveShadow = true;
     this.obstacles.push({ mesh, vertices, triangles });
     this.world.add(mesh);

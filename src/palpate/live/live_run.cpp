@@ -62,7 +62,7 @@ class Stage {
         scene_(buildScene(stiffened(config, settings.stiffness))),
         mouse_(replaceDevice()),
         reader_(scene_.world),
-        encoder_(scene_.world.link, generation),
+        encoder_(scene_.world.link, scene_.haptic.proxy.mass * scene_.haptic.proxy.gravity, generation),
         stress_(settings.stress),
         loops_((scene_.world.setFrictionScale(settings.friction), scene_), timingOf(config),
                [this](const World& world, const VisualRecord& record) { stepped(world, record); }) {

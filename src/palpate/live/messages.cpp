@@ -295,7 +295,9 @@ std::string SampleEncoder::take() {
   for (const StepRow& r : steps_) {
     const StepReport& s = r.step.step;
     out.f32(r.step.time - origin);
-    out.vec(r.step.model.force);
+    Vec6 held = r.step.model.force;
+    held.head<3>() += handle_weight_;
+    out.vec(held);
     for (const double seconds :
          {s.times.total() + r.step.linearization_s, s.times.assemble, s.times.factorize, s.times.solve, s.times.contact,
           s.times.advance, r.step.linearization_s, r.step.lateness_s}) {

@@ -95,7 +95,10 @@ std::string frameMessage(const SceneState& state, const TickRecord& tick, std::u
 /// so steps must come before the ticks that use them.
 class SampleEncoder {
  public:
-  SampleEncoder(const LinkParameters& link, std::uint32_t generation) : link_(link), generation_(generation) {}
+  /// @param handle_weight  of handle and attached nodes, mass times gravity [N]: with the tool's coupling wrench it is
+  ///   what the visual step alone would have the hand hold
+  SampleEncoder(const LinkParameters& link, const Vec3& handle_weight, std::uint32_t generation)
+      : link_(link), handle_weight_(handle_weight), generation_(generation) {}
   void add(const TickRecord& tick);
   void add(const VisualRecord& step, int substeps);
   int ticks() const { return static_cast<int>(ticks_.size()); }
@@ -118,6 +121,7 @@ class SampleEncoder {
     Vec6 twist;
   };
   LinkParameters link_;
+  Vec3 handle_weight_;
   std::uint32_t generation_;
   std::vector<TickRow> ticks_;
   std::vector<StepRow> steps_;

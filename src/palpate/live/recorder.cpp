@@ -18,7 +18,7 @@ Recorder::Recorder(const std::filesystem::path& file, const SceneConfig& config,
     : path_(file),
       out_(file, std::ios::binary | std::ios::trunc),
       reader_(scene.world),
-      samples_(scene.world.link, kGeneration),
+      samples_(scene.world.link, scene.haptic.proxy.mass * scene.haptic.proxy.gravity, kGeneration),
       haptic_step_(config.haptic_step),
       visual_step_(config.visual_step),
       substeps_(config.substeps) {
