@@ -4,21 +4,10 @@
 #include <cmath>
 #include <utility>
 
+#include "palpate/math/cut_norm.h"
 #include "palpate/math/rotation.h"
 
 namespace palpate {
-namespace {
-
-// v is cut to a length, direction kept. @returns whether it was longer
-bool cut(Eigen::Ref<Vec3> v, double length) {
-  const double norm = v.norm();
-  if (norm <= length) return false;
-  v *= length / norm;
-  return true;
-}
-
-}  // namespace
-
 MouseDevice::MouseDevice(const SimulatedDeviceSettings& settings, Path path, const Pose& start,
                          const MouseSettings& mouse)
     : SimulatedDevice(settings, std::move(path), start), mouse_(mouse) {
@@ -32,7 +21,7 @@ void MouseDevice::command(const HandCommand& command) noexcept {
   if (!safe.pose.position.allFinite() || !(norm > 0.5 && norm < 2.0)) return;
   safe.pose.rotation.normalize();
   Vec3 away = safe.pose.position - startPose().position;
-  cut(away, mouse_.max_reach);
+  cutNorm(away, mouse_.max_reach);
   safe.pose.position = startPose().position + away;
   commands_.write(safe);
 }
@@ -50,8 +39,8 @@ Path::Point MouseDevice::target(double t, double dt) noexcept {
   const double time = on_path ? dt : std::max(left_, dt);
   left_ = std::max(0.0, left_ - dt);
   Vec6 twist = poseDifference(goal.pose, target_.pose) / time;
-  const bool linear_cut = cut(twist.head<3>(), mouse_.max_speed);
-  const bool angular_cut = cut(twist.tail<3>(), mouse_.max_spin);
+  const bool linear_cut = cutNorm(twist.head<3>(), mouse_.max_speed);
+  const bool angular_cut = cutNorm(twist.tail<3>(), mouse_.max_spin);
   if (on_path && !linear_cut && !angular_cut) {
     target_ = goal;
   } else {

@@ -3,16 +3,10 @@
 #include <algorithm>
 
 #include "palpate/common/error.h"
+#include "palpate/math/cut_norm.h"
 
 namespace palpate {
 namespace {
-
-bool cutNorm(Eigen::Ref<Vec3> value, double limit) {
-  const double norm = value.stableNorm();
-  if (norm <= limit) return false;
-  value *= limit / norm;
-  return true;
-}
 
 void requireNotNegative(double value, const char* key) {
   if (!(value >= 0.0)) throw InputError("safety", key, "must not be negative");

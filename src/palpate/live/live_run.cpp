@@ -20,6 +20,7 @@
 #include "palpate/common/overloaded.h"
 #include "palpate/live/recorder.h"
 #include "palpate/scene/overrides.h"
+#include "palpate/session/method.h"
 #include "palpate/session/realtime_loops.h"
 #include "palpate/session/run_files.h"
 #include "palpate/viewer/commands.h"
@@ -68,7 +69,7 @@ class Stage {
                [this](const World& world, const VisualRecord& record) { stepped(world, record); }) {
     last_tick_.device.pose = scene_.start;
     last_tick_.proxy = scene_.world.tool().handle().pose;
-    keepState(0.0);
+    keepState();
   }
 
   const SceneConfig& config() const { return config_; }
@@ -81,10 +82,8 @@ class Stage {
   // The following while the loops stand still.
   void setMethod(const SceneConfig& config) {
     config_ = config;
-    scene_.linearization.delassus =
-        config.method == MethodName::hsl_exact ? DelassusModel::exact : DelassusModel::diagonal;
-    loops_.change(config.method == MethodName::vc ? Rendering::visual_coupling : Rendering::linearized,
-                  timingOf(config));
+    scene_.linearization.delassus = delassusOf(config.method);
+    loops_.change(renderingOf(config.method), timingOf(config));
   }
   void setFriction(double scale) { scene_.world.setFrictionScale(scale); }
   void scaleStiffness(double factor) {
@@ -138,12 +137,11 @@ class Stage {
   // On the visual loop's thread, or while it stands still.
   void stepped(const World& world, const VisualRecord& record) {
     ++state_.step;
-    keepState(record.time);
+    keepState();
     if (recorder_) recorder_->state(world, record);
   }
-  void keepState(double time) {
+  void keepState() {
     reader_.read(scene_.world, config_.visual_step, stress_.load(std::memory_order_relaxed), state_);
-    state_.time = time;
     states_.write(state_);
   }
 

@@ -67,7 +67,6 @@ std::string geometryMessage(const World& world, std::uint32_t generation);
 /// How the bodies stand after a visual step: copied by the thread that steps them, made into a message by another.
 struct SceneState {
   std::uint32_t step = 0;
-  double time = 0;  ///< [s]
   Pose handle;
   std::vector<float> nodes;     ///< of all bodies, x y z [m]
   std::vector<float> stress;    ///< von Mises at the nodes [Pa]; empty: not wanted

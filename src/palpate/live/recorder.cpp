@@ -19,7 +19,6 @@ Recorder::Recorder(const std::filesystem::path& file, const SceneConfig& config,
       out_(file, std::ios::binary | std::ios::trunc),
       reader_(scene.world),
       samples_(scene.world.link, scene.haptic.proxy.mass * scene.haptic.proxy.gravity, kGeneration),
-      haptic_step_(config.haptic_step),
       visual_step_(config.visual_step),
       substeps_(config.substeps) {
   if (!out_) throw InputError(file.string(), "", "cannot be written");

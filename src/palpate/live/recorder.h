@@ -40,7 +40,6 @@ class Recorder {
   SampleEncoder samples_;
   SceneState state_;
   TickRecord last_tick_;
-  double haptic_step_ = 0.001;
   double visual_step_ = 0.033;
   int substeps_ = 1;
 };

@@ -17,6 +17,7 @@
 #include "palpate/mesh/surface_measures.h"
 #include "palpate/mesh/tetrahedral_io.h"
 #include "palpate/scene/region.h"
+#include "palpate/session/method.h"
 
 namespace palpate {
 namespace {
@@ -153,7 +154,7 @@ std::unique_ptr<Device> buildDevice(const SceneConfig& config, Pose& start) {
 HapticSettings buildHaptic(const SceneConfig& config, const World& world) {
   HapticSettings h;
   h.dt = config.haptic_step;
-  h.rendering = config.method == MethodName::vc ? Rendering::visual_coupling : Rendering::linearized;
+  h.rendering = renderingOf(config.method);
   h.link = world.link;
   const Handle& handle = world.tool().handle();
   h.proxy.mass = handle.mass;
@@ -311,7 +312,7 @@ BuiltScene buildChecked(const SceneConfig& config) {
   }
   setFrictionPairs(config, world);
   settle(world, settling, out.start);
-  out.linearization.delassus = config.method == MethodName::hsl_exact ? DelassusModel::exact : DelassusModel::diagonal;
+  out.linearization.delassus = delassusOf(config.method);
   out.linearization.derivative = config.derivative == DerivativeName::full ? Derivative::full : Derivative::frozen;
   out.haptic = buildHaptic(config, world);
   return out;

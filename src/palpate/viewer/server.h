@@ -9,10 +9,9 @@
 #include <utility>
 #include <vector>
 
-namespace palpate {
+#include "palpate/viewer/audience.h"
 
-/// A message, made once and shared by all viewers it goes to.
-using Bytes = std::shared_ptr<const std::string>;
+namespace palpate {
 
 struct ServerOptions {
   std::string address = "127.0.0.1";            ///< numeric, IPv4 or IPv6; any but a loopback address demands a token

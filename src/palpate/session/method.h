@@ -1,0 +1,18 @@
+#pragma once
+
+#include "palpate/haptics/haptic_loop.h"
+#include "palpate/linearization/linearize.h"
+#include "palpate/scene/config.h"
+
+namespace palpate {
+
+// What a method is to the two loops.
+
+inline Rendering renderingOf(MethodName method) {
+  return method == MethodName::vc ? Rendering::visual_coupling : Rendering::linearized;
+}
+inline DelassusModel delassusOf(MethodName method) {
+  return method == MethodName::hsl_exact ? DelassusModel::exact : DelassusModel::diagonal;
+}
+
+}  // namespace palpate
