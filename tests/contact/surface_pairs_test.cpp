@@ -549,7 +549,7 @@ TEST(SurfacePairs, SelfContactLeavesOutNeighborsAndFindsTheRest) {
   // ends that are near at rest say so
   CollisionSurface c(Surface{s.start, s.triangles()});
   all.clear();
-  finder.findSelf(c, exclusion, 0.006, all);
+  finder.findSelf(c, SelfExclusion(c, group, offset, neighbor), 0.006, all);
   EXPECT_EQ(all.size(), pairs.size());
   for (const auto& p : all) EXPECT_NEAR(p.rest_distance, p.start_distance, 1e-15);
 }

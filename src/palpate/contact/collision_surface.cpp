@@ -69,13 +69,6 @@ struct Bounds {
   }
 };
 
-// Rounded down.
-MovingBox::Corner corner(const Vec3& p) {
-  MovingBox::Corner c(static_cast<float>(p.x()), static_cast<float>(p.y()), static_cast<float>(p.z()), 0.0f);
-  c -= c.abs() * std::numeric_limits<float>::epsilon();
-  return c;
-}
-
 }  // namespace
 
 CollisionSurface::CollisionSurface(const Surface& surface, std::span<const int> cluster_of_triangle)
@@ -95,9 +88,15 @@ CollisionSurface::CollisionSurface(const Surface& surface, std::span<const int> 
   std::iota(all.begin(), all.end(), 0);
   if (!all.empty()) buildTree(centers, all, 0, static_cast<int>(all.size()));
   node_boxes_.resize(nodes_.size());
+  node_made_at_.assign(nodes_.size(), 0);
   boxes_made_at_.assign(all.size(), 0);
   triangle_boxes_.resize(triangles_.size());
   refit();
+  double size = 0;
+  for (int i = 0; i < static_cast<int>(nodes_.size()); ++i) {
+    if (nodes_[static_cast<size_t>(i)].right < 0) size += static_cast<double>(nodeBox(i).size());
+  }
+  if (!all.empty()) cluster_size_ = size / clusters() / 3;
 }
 
 void CollisionSurface::buildVertexTriangles() {
@@ -257,35 +256,39 @@ Vec3 CollisionSurface::outwardNormal(int triangle, const std::array<double, 3>& 
 
 template <class Indices>
 MovingBox CollisionSurface::boxOf(const Indices& vertices) const {
-  Bounds from, to;
-  for (const int v : vertices) {
-    from.add(start[static_cast<size_t>(v)]);
-    to.add(end[static_cast<size_t>(v)]);
-  }
-  return {corner(from.low), corner(-from.high), corner(to.low), corner(-to.high)};
+  MovingBox box = vertexBox(vertices[0]);
+  for (size_t i = 1; i < vertices.size(); ++i) box.include(vertexBox(vertices[i]));
+  return box;
 }
 
 void CollisionSurface::refit() {
-  ++refits_;
-  double size = 0;
-  MovingBox::Corner least = MovingBox::Corner::Constant(std::numeric_limits<float>::infinity()), greatest = -least;
-  for (size_t i = nodes_.size(); i-- > 0;) {  // children come after their parents
-    MovingBox& box = node_boxes_[i];
-    if (nodes_[i].right < 0) {
-      box = boxOf(verticesOfCluster(nodes_[i].cluster));
-      size += static_cast<double>(box.size());
-      const MovingBox::Corner low = box.end_low - box.start_low, high = box.start_negative_high - box.end_negative_high;
-      least = least.min(low.min(high));
-      greatest = greatest.max(low.max(high));
-    } else {
-      box = node_boxes_[i + 1];
-      box.include(node_boxes_[static_cast<size_t>(nodes_[i].right)]);
-    }
+  Bounds moves, places;
+  for (size_t v = 0; v < start.size(); ++v) {
+    moves.add(end[v] - start[v]);
+    places.add(start[v]);
+    places.add(end[v]);
   }
-  if (nodes_.empty()) return;
-  cluster_size_ = size / clusters() / 3;
-  least_displacement_ = least.head<3>().cast<double>();
-  greatest_displacement_ = greatest.head<3>().cast<double>();
+  MotionBounds bounds;
+  if (!start.empty())
+    bounds = {places.low.cwiseAbs().cwiseMax(places.high.cwiseAbs()).maxCoeff(), moves.low, moves.high};
+  refit(bounds);
+}
+
+void CollisionSurface::refit(const MotionBounds& bounds) {
+  ++refits_;
+  bounds_ = bounds;
+}
+
+void CollisionSurface::makeNodeBox(int node) const {
+  const auto i = static_cast<size_t>(node);
+  MovingBox& box = node_boxes_[i];
+  node_made_at_[i] = refits_;
+  if (nodes_[i].right < 0) {
+    box = boxOf(verticesOfCluster(nodes_[i].cluster));
+  } else {
+    box = nodeBox(node + 1);
+    box.include(nodeBox(nodes_[i].right));
+  }
 }
 
 std::span<const MovingBox> CollisionSurface::triangleBoxes(int cluster) const {

@@ -1,7 +1,9 @@
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
+#include <limits>
 #include <span>
 #include <vector>
 
@@ -19,6 +21,14 @@ struct MovingBox {
   Corner end_low = Corner::Zero();
   Corner end_negative_high = Corner::Zero();
 
+  /// Of one point.
+  static MovingBox around(const Vec3& start, const Vec3& end) {
+    const Corner s(static_cast<float>(start.x()), static_cast<float>(start.y()), static_cast<float>(start.z()), 0.0f);
+    const Corner e(static_cast<float>(end.x()), static_cast<float>(end.y()), static_cast<float>(end.z()), 0.0f);
+    const Corner rounding_s = s.abs() * std::numeric_limits<float>::epsilon();
+    const Corner rounding_e = e.abs() * std::numeric_limits<float>::epsilon();
+    return {s - rounding_s, -s - rounding_s, e - rounding_e, -e - rounding_e};
+  }
   void include(const MovingBox& other) {
     start_low = start_low.min(other.start_low);
     start_negative_high = start_negative_high.min(other.start_negative_high);
@@ -29,8 +39,26 @@ struct MovingBox {
   float size() const { return -(start_low + start_negative_high).sum(); }
 };
 
+/// What holds for all vertices of a surface in a step.
+struct MotionBounds {
+  double extent = 0;                     ///< no coordinate is larger, at the start or the end [m]
+  Vec3 least = Vec3::Zero();             ///< displacement from start to end, axis by axis [m]
+  Vec3 greatest = Vec3::Zero();          ///< [m]
+  void follow(const MotionBounds& next)  ///< one motion after the other
+  {
+    extent = std::max(extent, next.extent);
+    least += next.least;
+    greatest += next.greatest;
+  }
+};
+
+/// Bound of how far any vertex of one surface moves relative to any of another [m].
+inline double relativeMotion(const MotionBounds& a, const MotionBounds& b) {
+  return (a.greatest - b.least).cwiseMax(b.greatest - a.least).norm();
+}
+
 /// Triangle surface prepared for collision: topology and a tree of boxes, both fixed, over vertices that move from
-/// `start` to `end` in a step. Not for use by several threads at once (boxes of triangles are made when asked for).
+/// `start` to `end` in a step. Not for use by several threads at once (boxes are made when asked for).
 class CollisionSurface {
  public:
   CollisionSurface() = default;
@@ -43,6 +71,10 @@ class CollisionSurface {
   std::vector<Vec3> end;    ///< [m]
   /// Boxes of the present start and end. Needed once for a surface that never moves; the constructor does it.
   void refit();
+  /// The same with bounds that are known otherwise: costs nothing until boxes are asked for.
+  void refit(const MotionBounds& bounds);
+  /// As of the last refit().
+  const MotionBounds& bounds() const { return bounds_; }
 
   const std::vector<Vec3>& rest() const { return rest_; }
   const std::vector<std::array<int, 3>>& triangles() const { return triangles_; }
@@ -61,6 +93,10 @@ class CollisionSurface {
   std::uint8_t owned(int triangle) const { return owned_[static_cast<size_t>(triangle)]; }
   bool ownsCorner(int triangle, int i) const { return (owned(triangle) >> i & 1) != 0; }
   bool ownsEdge(int triangle, int i) const { return (owned(triangle) >> (3 + i) & 1) != 0; }
+  /// Box of a vertex on its way, as of the present start and end.
+  MovingBox vertexBox(int vertex) const {
+    return MovingBox::around(start[static_cast<size_t>(vertex)], end[static_cast<size_t>(vertex)]);
+  }
   int ownerOfEdge(int edge) const { return edge_triangles_[static_cast<size_t>(edge)][0]; }
   /// Every edge has exactly two triangles, which run along it in opposite directions.
   bool closed() const { return closed_; }
@@ -90,7 +126,11 @@ class CollisionSurface {
     int cluster = -1;  ///< of a leaf
   };
   const std::vector<Node>& nodes() const { return nodes_; }
-  const MovingBox& nodeBox(int node) const { return node_boxes_[static_cast<size_t>(node)]; }
+  const MovingBox& nodeBox(int node) const {
+    const auto i = static_cast<size_t>(node);
+    if (node_made_at_[i] != refits_) makeNodeBox(node);
+    return node_boxes_[i];
+  }
   int clusters() const { return static_cast<int>(cluster_offset_.size()) - 1; }
   std::span<const int> trianglesOfCluster(int cluster) const {
     const auto c = static_cast<size_t>(cluster);
@@ -103,11 +143,8 @@ class CollisionSurface {
   }
   /// In the order of trianglesOfCluster().
   std::span<const MovingBox> triangleBoxes(int cluster) const;
-  /// Mean size of the clusters' boxes at the last refit() [m].
+  /// Mean size of the clusters' boxes in the rest shape [m].
   double clusterSize() const { return cluster_size_; }
-  /// Bounds of the clusters' displacements, to the accuracy of their boxes [m].
-  const Vec3& leastDisplacement() const { return least_displacement_; }
-  const Vec3& greatestDisplacement() const { return greatest_displacement_; }
 
  private:
   void buildEdges();
@@ -118,6 +155,7 @@ class CollisionSurface {
   int buildTree(const std::vector<Vec3>& centers, std::vector<int>& clusters, int first, int last);
   template <class Indices>
   MovingBox boxOf(const Indices& vertices) const;
+  void makeNodeBox(int node) const;
 
   std::vector<Vec3> rest_;
   std::vector<std::array<int, 3>> triangles_;
@@ -132,12 +170,12 @@ class CollisionSurface {
   std::vector<int> cluster_offset_{0};
   std::vector<int> cluster_vertex_offset_{0}, cluster_vertices_;
   std::vector<Node> nodes_;  // preorder
-  std::vector<MovingBox> node_boxes_;
   double cluster_size_ = 0;
-  Vec3 least_displacement_ = Vec3::Zero();
-  Vec3 greatest_displacement_ = Vec3::Zero();
+  MotionBounds bounds_;
 
   std::uint64_t refits_ = 0;
+  mutable std::vector<std::uint64_t> node_made_at_;  // of a node: value of refits_
+  mutable std::vector<MovingBox> node_boxes_;
   mutable std::vector<std::uint64_t> boxes_made_at_;  // of a cluster: value of refits_
   mutable std::vector<MovingBox> triangle_boxes_;     // as order_
 };

@@ -37,7 +37,7 @@ ContactFinder::ContactFinder(const SimulationMesh& mesh) {
       groups_.push_back({point.tetrahedron, mesh.mesh.tetrahedra[point.tetrahedron], i, i, 1.0});
     }
     groups_.back().end = i + 1;
-    double size = 0;  // |sum w_k (x_k - c)| <= radius sum |w_k|
+    double size = 0;
     for (const double w : point.weights) size += std::abs(w);
     groups_.back().extension = std::max(groups_.back().extension, size);
   }
@@ -50,12 +50,20 @@ ContactFinder::ContactFinder(const SimulationMesh& mesh) {
   edge_length_ = sum / (6.0 * static_cast<double>(mesh.mesh.tetrahedra.size()));
 }
 
-double ContactFinder::clearance(const Group& group, const VecX& x, const PlaneShape& plane) const {
-  Vec3 center = Vec3::Zero();
-  for (const int n : group.node) center += 0.25 * x.segment<3>(3 * n);
-  double radius2 = 0;
-  for (const int n : group.node) radius2 = std::max(radius2, (x.segment<3>(3 * n) - center).squaredNorm());
-  return gap(plane, center) - group.extension * std::sqrt(radius2);
+// Gaps of all nodes: those of vertices are their weighted sums.
+void ContactFinder::measure(const VecX& x, const PlaneShape& plane) const {
+  gap_.resize(static_cast<std::size_t>(x.size() / 3));
+  for (std::size_t n = 0; n < gap_.size(); ++n) {
+    gap_[n] = gap(plane, x.segment<3>(static_cast<Eigen::Index>(3 * n)));
+  }
+}
+
+// Lower bound of the vertices' gaps: with m the middle of the nodes' gaps g_k, sum w_k (g_k - m) is at least
+// -max |g_k - m| sum |w_k|.
+double ContactFinder::clearance(const Group& group) const {
+  const double a = gap_[group.node[0]], b = gap_[group.node[1]], c = gap_[group.node[2]], d = gap_[group.node[3]];
+  const double low = std::min(std::min(a, b), std::min(c, d)), high = std::max(std::max(a, b), std::max(c, d));
+  return 0.5 * ((low + high) - group.extension * (high - low));
 }
 
 void ContactFinder::find(int body, const VecX& x_start, const VecX& x_end, const std::vector<Obstacle>& obstacles,
@@ -63,8 +71,9 @@ void ContactFinder::find(int body, const VecX& x_start, const VecX& x_end, const
   for (int o = 0; o < static_cast<int>(obstacles.size()); ++o) {
     const auto* plane = std::get_if<PlaneShape>(&obstacles[o].shape);
     if (plane == nullptr) continue;
+    measure(x_end, *plane);
     for (const Group& group : groups_) {
-      if (!(clearance(group, x_end, *plane) < reach)) continue;
+      if (!(clearance(group) < reach)) continue;
       for (int i = group.begin; i < group.end; ++i) {
         if (!(gap(*plane, interpolate(group.node, weight_[i], x_end)) < reach)) continue;
         Contact c;
@@ -91,17 +100,19 @@ Contact ContactFinder::follow(const Contact& earlier, const VecX& x_start, const
 
 void ContactFinder::nearbyNodes(const VecX& x, const std::vector<Obstacle>& obstacles, double reach,
                                 std::vector<int>& nodes) const {
-  for (const Group& group : groups_) {
-    for (const Obstacle& obstacle : obstacles) {
-      const auto* plane = std::get_if<PlaneShape>(&obstacle.shape);
-      if (plane == nullptr || !(clearance(group, x, *plane) < reach)) continue;
-      bool near = false;
-      for (int i = group.begin; i < group.end && !near; ++i) {
-        near = gap(*plane, interpolate(group.node, weight_[i], x)) < reach;
-      }
-      if (!near) continue;
-      nodes.insert(nodes.end(), group.node.begin(), group.node.end());
-      break;
+  for (const Obstacle& obstacle : obstacles) {
+    const auto* plane = std::get_if<PlaneShape>(&obstacle.shape);
+    if (plane == nullptr) continue;
+    measure(x, *plane);
+    for (const Group& group : groups_) {
+      if (!(clearance(group) < reach)) continue;
+      const auto near = [&](const std::array<double, 4>& w) {
+        double sum = 0;
+        for (int k = 0; k < 4; ++k) sum += w[k] * gap_[group.node[k]];
+        return sum < reach;
+      };
+      if (std::any_of(weight_.begin() + group.begin, weight_.begin() + group.end, near))
+        nodes.insert(nodes.end(), group.node.begin(), group.node.end());
     }
   }
 }

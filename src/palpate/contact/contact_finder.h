@@ -37,13 +37,15 @@ class ContactFinder {
     int tetrahedron;
     std::array<int, 4> node;
     int begin, end;    // range in vertex_
-    double extension;  // how far outside its tetrahedron a vertex may lie, as a factor on its radius
+    double extension;  // largest sum of a vertex's absolute weights
   };
-  double clearance(const Group& group, const VecX& x, const PlaneShape& plane) const;
+  void measure(const VecX& x, const PlaneShape& plane) const;
+  double clearance(const Group& group) const;
 
   std::vector<Group> groups_;
   std::vector<int> vertex_;
   std::vector<std::array<double, 4>> weight_;  // as vertex_
+  mutable std::vector<double> gap_;            // of each node, while one plane is looked at [m]
   double edge_length_ = 0;
 };
 

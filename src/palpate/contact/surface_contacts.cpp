@@ -178,7 +178,16 @@ void SurfaceContacts::addBody(int body, const SimulationMesh& mesh, bool self) {
     item.nodes.push_back(mesh.mesh.tetrahedra[p.tetrahedron]);
     item.weights.push_back(p.weights);
     item.patch.push_back(p.tetrahedron);
+    double leverage = 0;
+    for (const double w : p.weights) leverage += std::abs(w);
+    item.leverage = std::max(item.leverage, leverage);
   }
+  item.start.resize(static_cast<Eigen::Index>(3 * mesh.mesh.nodes.size()));
+  for (std::size_t n = 0; n < mesh.mesh.nodes.size(); ++n) {
+    item.start.segment<3>(static_cast<Eigen::Index>(3 * n)) = mesh.mesh.nodes[n];
+  }
+  item.end = item.start;
+  item.end_placed = false;
   if (self) item.exclusion = excludeNeighbors(item.surface, item.patch, mesh.mesh);
   if (clusters.empty()) {
     for (int c = 0; c < item.surface.clusters(); ++c) {
@@ -204,20 +213,70 @@ bool SurfaceContacts::active() const {
 }
 
 void SurfaceContacts::place(const Item& item, const VecX& x, std::vector<Vec3>& out) {
+  const Eigen::Index n = x.size() / 3;
+  nodes_.resize(static_cast<std::size_t>(n));
+  for (Eigen::Index i = 0; i < n; ++i) nodes_[i] << x.segment<3>(3 * i), 0.0;
   for (std::size_t v = 0; v < item.nodes.size(); ++v) {
     const auto& node = item.nodes[v];
     const auto& weight = item.weights[v];
-    out[v] = weight[0] * x.segment<3>(3 * node[0]) + weight[1] * x.segment<3>(3 * node[1]) +
-             weight[2] * x.segment<3>(3 * node[2]) + weight[3] * x.segment<3>(3 * node[3]);
+    const Eigen::Vector4d p = weight[0] * nodes_[node[0]] + weight[1] * nodes_[node[1]] + weight[2] * nodes_[node[2]] +
+                              weight[3] * nodes_[node[3]];
+    out[v] = p.head<3>();
   }
+}
+
+// The ends of a few vertices, ahead of the others.
+void SurfaceContacts::placeEnd(Item& item, const std::array<int, 3>& vertices) {
+  if (item.end_placed) return;
+  for (const int v : vertices) {
+    if (v < 0) continue;
+    item.surface.end[v].setZero();
+    for (int k = 0; k < 4; ++k) {
+      item.surface.end[v] += item.weights[v][k] * item.end.segment<3>(3 * item.nodes[v][k]);
+    }
+  }
+}
+
+// Of vertices that follow nodes. With c the middle of the nodes' displacements, a vertex's differs from it by
+// sum w_k (d_k - c), whatever its weights are.
+MotionBounds SurfaceContacts::motionOf(const Item& item, const VecX& from, const VecX& to) {
+  Vec3 least = Vec3::Constant(std::numeric_limits<double>::infinity()), greatest = -least;
+  Vec3 low = least, high = greatest;
+  for (Eigen::Index i = 0; i < from.size(); i += 3) {
+    const Vec3 a = from.segment<3>(i), b = to.segment<3>(i);
+    least = least.cwiseMin(b - a);
+    greatest = greatest.cwiseMax(b - a);
+    low = low.cwiseMin(a).cwiseMin(b);
+    high = high.cwiseMax(a).cwiseMax(b);
+  }
+  const auto widen = [&](Vec3& from_here, Vec3& to_here) {
+    const Vec3 middle = 0.5 * (from_here + to_here), half = (0.5 + 1e-9) * item.leverage * (to_here - from_here);
+    from_here = middle - half;
+    to_here = middle + half;
+  };
+  widen(least, greatest);
+  widen(low, high);
+  return {low.cwiseAbs().cwiseMax(high.cwiseAbs()).maxCoeff(), least, greatest};
 }
 
 void SurfaceContacts::setStart(int body, const VecX& x) {
   for (Item& item : items_) {
     if (item.body != body) continue;
+    if (item.end_placed && item.end.size() == x.size() && item.end == x) {  // where the last step's search ended
+      if (item.end_bounded) {
+        item.moved.follow(item.surface.bounds());
+      } else {
+        item.moved.follow(motionOf(item, item.start, x));
+      }
+      item.surface.start.swap(item.surface.end);
+    } else {
+      item.moved.follow(motionOf(item, item.start, x));
+      place(item, x, item.surface.start);
+    }
     item.start = x;
-    place(item, x, item.surface.start);
-    item.surface.end = item.surface.start;
+    item.end = x;
+    item.end_placed = false;
+    item.end_bounded = false;
     item.stale = true;
   }
 }
@@ -225,14 +284,24 @@ void SurfaceContacts::setStart(int body, const VecX& x) {
 void SurfaceContacts::setEnd(int body, const VecX& x) {
   for (Item& item : items_) {
     if (item.body != body) continue;
-    place(item, x, item.surface.end);
+    item.end = x;
+    item.end_placed = false;
+    item.end_bounded = false;
     item.stale = true;
   }
 }
 
 void SurfaceContacts::refit(Item& item) {
   if (!item.stale) return;
-  item.surface.refit();
+  if (!item.end_placed) place(item, item.end, item.surface.end);
+  item.end_placed = true;
+  constexpr double kTight = 2.0;
+  if (item.leverage < kTight) {
+    item.surface.refit(motionOf(item, item.start, item.end));
+  } else {
+    item.surface.refit();
+  }
+  item.end_bounded = true;
   item.stale = false;
 }
 
@@ -348,7 +417,7 @@ void SurfaceContacts::add(std::size_t ia, std::size_t ib, const FeaturePair& pai
 // Surfaces that start in each other: the inner point against the other's nearest outer place.
 void SurfaceContacts::addOverlap(std::size_t ia, std::size_t ib, const OverlapPoint& overlap,
                                  const SurfaceContactSettings& settings, double mu, std::vector<Contact>& out) {
-  const Item& inner = items_[overlap.of_first ? ia : ib];
+  Item& inner = items_[overlap.of_first ? ia : ib];
   const Item& outer = items_[overlap.of_first ? ib : ia];
   Contact c;
   c.thickness = settings.thickness;
@@ -363,6 +432,7 @@ void SurfaceContacts::addOverlap(std::size_t ia, std::size_t ib, const OverlapPo
   c.normal = overlap.normal;
   c.first = point(inner, overlap.vertex, overlap.weight);
   c.second = point(outer, overlap.other_vertex, overlap.other_weight);
+  placeEnd(inner, overlap.vertex);
   c.position = at(inner.surface.end, overlap.vertex, overlap.weight);
   if (c.first.body < 0) {
     std::swap(c.first, c.second);
@@ -414,6 +484,8 @@ void SurfaceContacts::follow(const Contact& earlier, const SurfaceContactSetting
   pair.normal = line / distance;
   // turned far since: another side of the features, which has pairs of its own
   if (pair.normal.dot(earlier.normal) < 0.7) return;
+  placeEnd(items_[ia], pair.first_vertex);
+  placeEnd(items_[ib], pair.second_vertex);
   const Vec3 end = at(a.end, pair.first_vertex, pair.first_weight) - at(b.end, pair.second_vertex, pair.second_weight);
   pair.end_distance = pair.normal.dot(end);
   if (ia == ib)
@@ -460,7 +532,8 @@ void SurfaceContacts::find(const SurfaceContactSettings& settings, const Frictio
   for (std::size_t b = 0; b < items_.size(); ++b) {
     if (items_[b].self) {
       found_.clear();
-      finder_.findSelf(items_[b].surface, items_[b].exclusion, reach, found_);
+      items_[b].front.moved(relativeMotion(items_[b].moved, items_[b].moved));
+      finder_.findSelf(items_[b].surface, items_[b].exclusion, reach, found_, &items_[b].front);
       const double mu = friction(id(items_[b]), id(items_[b]));
       keepDependable();
       for (const FeaturePair& p : found_) add(b, b, p, settings, mu, false, out);
@@ -470,14 +543,16 @@ void SurfaceContacts::find(const SurfaceContactSettings& settings, const Frictio
       // the first one moves
       const std::size_t first = items_[a].body < 0 ? b : a;
       const std::size_t second = first == a ? b : a;
+      PairState& state = pair(a, b);
       found_.clear();
-      finder_.find(items_[first].surface, items_[second].surface, reach, found_);
+      state.front.moved(relativeMotion(items_[first].moved, items_[second].moved));
+      finder_.find(items_[first].surface, items_[second].surface, reach, found_, &state.front);
       keepDependable();
       const double mu = friction(id(items_[first]), id(items_[second]));
-      const PairState& state = pair(a, b);
       for (const FeaturePair& p : found_) add(first, second, p, settings, mu, !state.points.empty(), out);
     }
   }
+  for (Item& item : items_) item.moved = {};
 }
 
 }  // namespace palpate

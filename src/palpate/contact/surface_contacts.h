@@ -82,18 +82,27 @@ class SurfaceContacts {
     SelfExclusion exclusion;
     std::vector<std::array<int, 4>> nodes;  // of each vertex
     std::vector<std::array<double, 4>> weights;
-    std::vector<int> patch;  // of each vertex: what moves affinely
-    VecX start;              // node positions
-    bool stale = false;      // boxes are older than positions
+    std::vector<int> patch;    // of each vertex: what moves affinely
+    double leverage = 1;       // largest sum of a vertex's absolute weights
+    VecX start, end;           // node positions
+    bool end_placed = true;    // the surface's end is that of the nodes
+    bool end_bounded = false;  // and so are its bounds
+    bool stale = false;        // boxes are older than positions
+    MotionBounds moved;        // of the starts, since the last search
+    PairFront front;           // of self-contact
   };
   struct PairState {
     bool suspect = true;  // may overlap
     std::vector<OverlapPoint> points;
+    PairFront front;
   };
+  using Corners = std::vector<Eigen::Vector4d, Eigen::aligned_allocator<Eigen::Vector4d>>;
   PairState& pair(std::size_t a, std::size_t b) { return pairs_[b * (b - 1) / 2 + a]; }
   static int id(const Item& item);
-  static void place(const Item& item, const VecX& x, std::vector<Vec3>& out);
-  static void refit(Item& item);
+  void place(const Item& item, const VecX& x, std::vector<Vec3>& out);
+  static void placeEnd(Item& item, const std::array<int, 3>& vertices);
+  static MotionBounds motionOf(const Item& item, const VecX& from, const VecX& to);
+  void refit(Item& item);
   static int patch(const Item& item, int vertex);
   static bool facesOutward(const Item& a, const Item& b, const FeaturePair& pair);
   static ContactPoint point(const Item& item, const std::array<int, 3>& vertex, const std::array<double, 3>& weight);
@@ -108,6 +117,7 @@ class SurfaceContacts {
   std::vector<PairState> pairs_;
   SurfacePairFinder finder_;
   std::vector<FeaturePair> found_;
+  Corners nodes_;  // padded, while vertices are placed
   double overlap_ = 0;
 };
 

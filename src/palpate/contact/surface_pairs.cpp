@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <string>
+#include <tuple>
 
 #include "palpate/common/error.h"
 #include "palpate/contact/feature_distance.h"
@@ -84,7 +85,7 @@ SelfExclusion::SelfExclusion(const CollisionSurface& surface, std::vector<int> g
     check(std::is_sorted(neighbor_.begin() + offset_[static_cast<size_t>(g)],
                          neighbor_.begin() + offset_[static_cast<size_t>(g) + 1]),
           "neighbors are not sorted");
-  excludeClusters(surface);
+  relateClusters(surface);
 }
 
 bool SelfExclusion::excludesGroups(int g, int h) const {
@@ -113,47 +114,71 @@ bool SelfExclusion::excludesAll(std::span<const int> groups, std::span<const int
   return true;
 }
 
-void SelfExclusion::excludeClusters(const CollisionSurface& surface) {
-  const int clusters = surface.clusters();
-  std::vector<std::vector<int>> groups_of(static_cast<size_t>(clusters));
-  std::vector<std::vector<int>> clusters_of(offset_.size());
-  for (int c = 0; c < clusters; ++c) {
-    auto& groups = groups_of[static_cast<size_t>(c)];
-    for (const int t : surface.trianglesOfCluster(c)) {
-      groups.push_back(group_[static_cast<size_t>(surface.triangles()[static_cast<size_t>(t)][0])]);
-    }
-    std::sort(groups.begin(), groups.end());
-    groups.erase(std::unique(groups.begin(), groups.end()), groups.end());
-    for (const int g : groups)
-      if (g >= 0) clusters_of[static_cast<size_t>(g)].push_back(c);
-  }
-  cluster_offset_.assign(1, 0);
-  std::vector<int> candidates;
-  for (int c = 0; c < clusters; ++c) {
-    const auto& groups = groups_of[static_cast<size_t>(c)];
-    candidates.clear();
-    if (!groups.empty() && groups.front() >= 0) {  // only clusters near any one group can be near all
-      const auto g = static_cast<size_t>(groups.front());
-      candidates = clusters_of[g];
-      for (int i = offset_[g]; i < offset_[g + 1]; ++i) {
-        const int h = neighbor_[static_cast<size_t>(i)];
-        if (h < 0 || static_cast<size_t>(h) + 1 >= offset_.size()) continue;
-        const auto& more = clusters_of[static_cast<size_t>(h)];
-        candidates.insert(candidates.end(), more.begin(), more.end());
-      }
-    }
-    std::sort(candidates.begin(), candidates.end());
-    candidates.erase(std::unique(candidates.begin(), candidates.end()), candidates.end());
-    for (const int d : candidates)
-      if (excludesAll(groups, groups_of[static_cast<size_t>(d)])) cluster_neighbor_.push_back(d);
-    cluster_offset_.push_back(static_cast<int>(cluster_neighbor_.size()));
-  }
+bool SelfExclusion::Relation::contains(int a, int b) const {
+  if (offset.empty()) return false;
+  const auto first = other.begin() + offset[static_cast<size_t>(a)];
+  return std::binary_search(first, other.begin() + offset[static_cast<size_t>(a) + 1], b);
 }
 
-bool SelfExclusion::excludesClusters(int a, int b) const {
-  if (cluster_offset_.empty()) return false;
-  const auto first = cluster_neighbor_.begin() + cluster_offset_[static_cast<size_t>(a)];
-  return std::binary_search(first, cluster_neighbor_.begin() + cluster_offset_[static_cast<size_t>(a) + 1], b);
+void SelfExclusion::relateClusters(const CollisionSurface& surface) {
+  const auto clusters = static_cast<size_t>(surface.clusters());
+  const auto sortUnique = [](std::vector<int>& v) {
+    std::sort(v.begin(), v.end());
+    v.erase(std::unique(v.begin(), v.end()), v.end());
+  };
+  // groups of the clusters' triangles (by their first vertices), and of all of their vertices
+  std::vector<std::vector<int>> owned(clusters), all(clusters);
+  std::vector<std::vector<int>> owners(offset_.size()), users(offset_.size()), at_vertex(group_.size());
+  for (size_t c = 0; c < clusters; ++c) {
+    const int cluster = static_cast<int>(c);
+    for (const int t : surface.trianglesOfCluster(cluster)) {
+      owned[c].push_back(group_[static_cast<size_t>(surface.triangles()[static_cast<size_t>(t)][0])]);
+    }
+    for (const int v : surface.verticesOfCluster(cluster)) {
+      all[c].push_back(group_[static_cast<size_t>(v)]);
+      at_vertex[static_cast<size_t>(v)].push_back(cluster);
+    }
+    sortUnique(owned[c]);
+    sortUnique(all[c]);
+    for (const int g : owned[c])
+      if (g >= 0) owners[static_cast<size_t>(g)].push_back(cluster);
+    for (const int g : all[c])
+      if (g >= 0) users[static_cast<size_t>(g)].push_back(cluster);
+  }
+  // clusters with a vertex in group g or in a neighbor of it
+  const auto addAround = [&](int g, const std::vector<std::vector<int>>& of, std::vector<int>& out) {
+    const auto i = static_cast<size_t>(g);
+    out.insert(out.end(), of[i].begin(), of[i].end());
+    for (int k = offset_[i]; k < offset_[i + 1]; ++k) {
+      const int h = neighbor_[static_cast<size_t>(k)];
+      if (h < 0 || static_cast<size_t>(h) + 1 >= offset_.size()) continue;
+      const auto& more = of[static_cast<size_t>(h)];
+      out.insert(out.end(), more.begin(), more.end());
+    }
+  };
+  clusters_.endRow();
+  touching_clusters_.endRow();
+  std::vector<int> near;
+  for (size_t c = 0; c < clusters; ++c) {
+    near.clear();
+    if (!owned[c].empty() && owned[c].front() >= 0)  // only clusters near any one group can be near all
+      addAround(owned[c].front(), owners, near);
+    sortUnique(near);
+    for (const int d : near)
+      if (excludesAll(owned[c], owned[static_cast<size_t>(d)])) clusters_.other.push_back(d);
+    clusters_.endRow();
+
+    near.clear();
+    for (const int g : all[c])
+      if (g >= 0) addAround(g, users, near);
+    for (const int v : surface.verticesOfCluster(static_cast<int>(c))) {
+      const auto& more = at_vertex[static_cast<size_t>(v)];
+      near.insert(near.end(), more.begin(), more.end());
+    }
+    sortUnique(near);
+    touching_clusters_.other.insert(touching_clusters_.other.end(), near.begin(), near.end());
+    touching_clusters_.endRow();
+  }
 }
 
 struct SurfacePairFinder::Search {
@@ -163,8 +188,10 @@ struct SurfacePairFinder::Search {
   double reach;
   std::vector<FeaturePair>& out;
 
-  float box_reach = 0;  // reach, and what single precision loses
-  bool fast = false;    // boxes move by more than their size: worth asking when they meet
+  PairFront* front = nullptr;
+  bool may_exclude = false;  // among the features of the present clusters
+  float box_reach = 0;       // reach, and what single precision loses
+  bool fast = false;         // boxes move by more than their size: worth asking when they meet
   double from = 0, to = 1;
   double first_hit = std::numeric_limits<double>::infinity();
 
@@ -185,6 +212,11 @@ struct SurfacePairFinder::Search {
     out.push_back(pair);
   }
 };
+
+float startDistance(const MovingBox& p, const MovingBox& q) {
+  const MovingBox::Corner gap = (p.start_low + q.start_negative_high).max(p.start_negative_high + q.start_low);
+  return std::sqrt(gap.max(0.0f).square().sum());
+}
 
 // Each axis gives two conditions, linear in time; boxes are apart where one fails throughout, or where they do not hold
 // at any one time together.
@@ -218,55 +250,82 @@ bool SurfacePairFinder::Search::meet(const MovingBox& p, const MovingBox& q) con
 }
 
 void SurfacePairFinder::find(const CollisionSurface& a, const CollisionSurface& b, double reach,
-                             std::vector<FeaturePair>& out) {
+                             std::vector<FeaturePair>& out, PairFront* front) {
   if (a.nodes().empty() || b.nodes().empty()) return;
   Search s{a, b, nullptr, reach, out};
+  s.front = front;
   search(s);
 }
 
 void SurfacePairFinder::findSelf(const CollisionSurface& a, const SelfExclusion& exclusion, double reach,
-                                 std::vector<FeaturePair>& out) {
+                                 std::vector<FeaturePair>& out, PairFront* front) {
   if (a.nodes().empty()) return;
   Search s{a, a, &exclusion, reach, out};
+  s.front = front;
   search(s);
 }
 
 void SurfacePairFinder::search(Search& s) {
-  MovingBox all = s.a.nodeBox(0);
-  all.include(s.b.nodeBox(0));
-  const auto extreme = [](const MovingBox::Corner& c) { return c.head<3>().abs().maxCoeff(); };
-  const float scale = std::max(std::max(extreme(all.start_low), extreme(all.start_negative_high)),
-                               std::max(extreme(all.end_low), extreme(all.end_negative_high)));
-  s.box_reach = static_cast<float>(s.reach * (1 + 1e-6)) + 1e-6f * scale;
-
-  const Vec3 relative = (s.a.greatestDisplacement() - s.b.leastDisplacement())
-                            .cwiseMax(s.b.greatestDisplacement() - s.a.leastDisplacement());
+  const double extent = std::max(s.a.bounds().extent, s.b.bounds().extent);
+  s.box_reach = static_cast<float>(s.reach * (1 + 1e-6)) + 1e-6f * static_cast<float>(extent);
+  const size_t begin = s.out.size();
+  const double relative = relativeMotion(s.a.bounds(), s.b.bounds());
   const double size = std::max(1e-9, 0.5 * (s.a.clusterSize() + s.b.clusterSize()));
-  const double ratio = relative.norm() / (size + s.reach);
+  const double ratio = relative / (size + s.reach);
   s.fast = ratio > 0.5;
   const int pieces =
       std::isfinite(ratio)
           ? static_cast<int>(std::clamp(std::ceil(0.5 * ratio), 1.0, static_cast<double>(settings_.max_pieces)))
           : 1;
-  for (int i = 0; i < pieces; ++i) {
-    s.from = static_cast<double>(i) / pieces;
-    s.to = static_cast<double>(i + 1) / pieces;
-    if (s.self())
-      expandSelf(s);
-    else
-      descend(s, {0, 0});
-    if (s.first_hit <= s.to) break;
+  if (s.front != nullptr && pieces == 1) {
+    continueFrom(*s.front, s);
+  } else {
+    s.front = nullptr;
+    for (int i = 0; i < pieces; ++i) {
+      s.from = static_cast<double>(i) / pieces;
+      s.to = static_cast<double>(i + 1) / pieces;
+      descendFromRoots(s);
+      if (s.first_hit <= s.to) break;
+    }
   }
+  // each pair of features comes once
+  std::sort(s.out.begin() + static_cast<std::ptrdiff_t>(begin), s.out.end(),
+            [](const FeaturePair& p, const FeaturePair& q) {
+              return std::tuple(p.kind, p.first_feature, p.second_feature) <
+                     std::tuple(q.kind, q.first_feature, q.second_feature);
+            });
 }
 
-void SurfacePairFinder::expandSelf(Search& s) {
+void SurfacePairFinder::continueFrom(PairFront& front, Search& s) {
+  if (front.worn(s.reach)) {
+    front.forget();
+    front.reach_ = s.reach;
+    descendFromRoots(s);
+    front.roots_size_ = front.pairs_.size() + 1;
+    return;
+  }
+  const double now = front.odometer_ + relativeMotion(s.a.bounds(), s.b.bounds());
+  const size_t size = front.pairs_.size();
+  bool opened = false;
+  for (size_t i = 0; i < size; ++i) {
+    if (now < front.until_[i]) continue;
+    const NodePair pair = front.pairs_[i];
+    front.pairs_[i].a = -1;
+    opened = true;
+    descend(s, pair);
+  }
+  if (opened) front.removeMarked();
+}
+
+void SurfacePairFinder::descendFromRoots(Search& s) {
+  if (!s.self()) {
+    descend(s, {0, 0});
+    return;
+  }
   const auto& nodes = s.a.nodes();
   for (int i = 0; i < static_cast<int>(nodes.size()); ++i) {
-    const auto& node = nodes[static_cast<size_t>(i)];
-    if (node.right >= 0)
-      descend(s, {i + 1, node.right});
-    else if (!s.exclusion->excludesClusters(node.cluster, node.cluster))
-      testClusters(s, node.cluster, node.cluster);
+    const int right = nodes[static_cast<size_t>(i)].right;
+    descend(s, right >= 0 ? NodePair{i + 1, right} : NodePair{i, i});
   }
 }
 
@@ -276,12 +335,9 @@ void SurfacePairFinder::descend(Search& s, NodePair root) {
   while (!stack_.empty()) {
     const NodePair p = stack_.back();
     stack_.pop_back();
-    const MovingBox &box_a = s.a.nodeBox(p.a), &box_b = s.b.nodeBox(p.b);
-    if (!s.meet(box_a, box_b)) continue;
+    if (!visit(s, p)) continue;
     const auto &na = s.a.nodes()[static_cast<size_t>(p.a)], &nb = s.b.nodes()[static_cast<size_t>(p.b)];
-    if (na.right < 0 && nb.right < 0) {
-      if (!s.self() || !s.exclusion->excludesClusters(na.cluster, nb.cluster)) testClusters(s, na.cluster, nb.cluster);
-    } else if (nb.right < 0 || (na.right >= 0 && box_a.size() >= box_b.size())) {
+    if (nb.right < 0 || (na.right >= 0 && s.a.nodeBox(p.a).size() >= s.b.nodeBox(p.b).size())) {
       stack_.push_back({p.a + 1, p.b});
       stack_.push_back({na.right, p.b});
     } else {
@@ -291,7 +347,27 @@ void SurfacePairFinder::descend(Search& s, NodePair root) {
   }
 }
 
-void SurfacePairFinder::testClusters(Search& s, int ca, int cb) {
+// Tests clusters that meet, and leaves what need not be opened to the front. Returns whether it must.
+bool SurfacePairFinder::visit(Search& s, NodePair p) {
+  const auto &na = s.a.nodes()[static_cast<size_t>(p.a)], &nb = s.b.nodes()[static_cast<size_t>(p.b)];
+  const bool leaves = na.right < 0 && nb.right < 0;
+  if (leaves && s.self() && s.exclusion->excludesClusters(na.cluster, nb.cluster)) return false;
+  const MovingBox &box_a = s.a.nodeBox(p.a), &box_b = s.b.nodeBox(p.b);
+  if (!s.meet(box_a, box_b)) {
+    if (s.front != nullptr) {
+      s.front->add(p, s.front->odometer_ + static_cast<double>(startDistance(box_a, box_b) - s.box_reach));
+    }
+    return false;
+  }
+  if (!leaves) return true;
+  if (s.front != nullptr) s.front->add(p, PairFront::kAlways);
+  testClusters(s, p);
+  return false;
+}
+
+void SurfacePairFinder::testClusters(Search& s, NodePair leaves) {
+  const int ca = s.a.nodes()[static_cast<size_t>(leaves.a)].cluster;
+  const int cb = s.b.nodes()[static_cast<size_t>(leaves.b)].cluster;
   const auto gather = [&s](const CollisionSurface& surface, int cluster, const MovingBox& other,
                            std::vector<Local>& local, MovingBox& around) {
     const auto boxes = surface.triangleBoxes(cluster);
@@ -306,31 +382,43 @@ void SurfacePairFinder::testClusters(Search& s, int ca, int cb) {
       local.push_back({boxes[i], triangles[i]});
     }
   };
-  const auto around = [](std::span<const MovingBox> boxes) {
-    MovingBox all = boxes.front();
-    for (const MovingBox& box : boxes) all.include(box);
-    return all;
-  };
   const bool same = s.self() && ca == cb;
+  s.may_exclude = s.self() && s.exclusion->touchesClusters(ca, cb);
   MovingBox around_a, around_b;
-  gather(s.a, ca, around(s.b.triangleBoxes(cb)), local_a_, around_a);
+  gather(s.a, ca, s.b.nodeBox(leaves.b), local_a_, around_a);
   if (local_a_.empty()) return;
-  gather(s.b, cb, same ? around(s.b.triangleBoxes(cb)) : around_a, local_b_, around_b);
+  gather(s.b, cb, same ? s.b.nodeBox(leaves.b) : around_a, local_b_, around_b);
   for (const Local& p : local_a_)
     for (const Local& q : local_b_)
-      if ((!same || p.triangle < q.triangle) && s.meet(p.box, q.box)) testTriangles(s, p.triangle, q.triangle);
+      if ((!same || p.triangle < q.triangle) && s.meet(p.box, q.box)) testTriangles(s, p, q);
 }
 
-void SurfacePairFinder::testTriangles(Search& s, int ta, int tb) {
+void SurfacePairFinder::testTriangles(Search& s, const Local& a, const Local& b) {
+  const int ta = a.triangle, tb = b.triangle;
   const auto &va = s.a.triangles()[static_cast<size_t>(ta)], &vb = s.b.triangles()[static_cast<size_t>(tb)];
   const auto &ea = s.a.triangleEdges()[static_cast<size_t>(ta)], &eb = s.b.triangleEdges()[static_cast<size_t>(tb)];
+  // most features of triangles whose boxes meet are apart by their own boxes
+  std::array<MovingBox, 3> box_a, box_b;
+  for (size_t k = 0; k < 3; ++k) {
+    box_a[k] = s.a.vertexBox(va[k]);
+    box_b[k] = s.b.vertexBox(vb[k]);
+  }
   for (int i = 0; i < 3; ++i) {
     const auto k = static_cast<size_t>(i);
-    if (s.a.ownsCorner(ta, i)) testVertexFace(s, true, va[k], ta, tb);
-    if (s.b.ownsCorner(tb, i)) testVertexFace(s, false, vb[k], tb, ta);
+    if (s.a.ownsCorner(ta, i) && s.meet(box_a[k], b.box)) testVertexFace(s, true, va[k], ta, tb);
+    if (s.b.ownsCorner(tb, i) && s.meet(box_b[k], a.box)) testVertexFace(s, false, vb[k], tb, ta);
+  }
+  for (size_t k = 0; k < 3; ++k) box_b[k].include(s.b.vertexBox(vb[(k + 1) % 3]));
+  for (int i = 0; i < 3; ++i) {
     if (!s.a.ownsEdge(ta, i)) continue;
-    for (int j = 0; j < 3; ++j)
-      if (s.b.ownsEdge(tb, j)) testEdgeEdge(s, ea[k], eb[static_cast<size_t>(j)]);
+    const auto k = static_cast<size_t>(i);
+    MovingBox edge = box_a[k];
+    edge.include(box_a[(k + 1) % 3]);
+    if (!s.meet(edge, b.box)) continue;
+    for (int j = 0; j < 3; ++j) {
+      const auto l = static_cast<size_t>(j);
+      if (s.b.ownsEdge(tb, j) && s.meet(edge, box_b[l])) testEdgeEdge(s, ea[k], eb[l]);
+    }
   }
 }
 
@@ -446,7 +534,7 @@ struct SurfacePairFinder::Faces {
 void SurfacePairFinder::testVertexFace(Search& s, bool vertex_first, int vertex, int owner, int face) {
   const Faces faces{s, settings_, vertex_first ? s.a : s.b, vertex_first ? s.b : s.a};
   const CollisionSurface &sv = faces.sv, &sf = faces.sf;
-  if (faces.excluded(vertex, face)) return;
+  if (s.may_exclude && faces.excluded(vertex, face)) return;
   TrianglePoint q = vertexFaceAt(sv, vertex, sf, face, 0);
   FeaturePair pair;
   pair.start_distance = q.distance;
@@ -519,7 +607,7 @@ void SurfacePairFinder::testEdgeEdge(Search& s, int edge_a, int edge_b) {
   FeaturePair pair;
   pair.first_vertex = {a[0], a[1], -1};
   pair.second_vertex = {b[0], b[1], -1};
-  if (s.excluded(pair.first_vertex, pair.second_vertex)) return;
+  if (s.may_exclude && s.excluded(pair.first_vertex, pair.second_vertex)) return;
   SegmentPair q = edgesAt(s.a, a, s.b, b, 0);
   pair.start_distance = q.distance;
   const bool near_start = q.distance < s.reach;

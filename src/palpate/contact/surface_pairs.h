@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "palpate/contact/collision_surface.h"
+#include "palpate/contact/pair_front.h"
 #include "palpate/math/types.h"
 
 namespace palpate {
@@ -36,7 +37,8 @@ struct FeaturePair {
   double rest_distance = std::numeric_limits<double>::infinity();  ///< of pairs of one surface, if below reach [m]
 };
 
-/// What must not touch within one surface. Features that share a vertex never do; nor do those of excluded groups.
+/// What must not touch within one surface; for this surface only, as its clusters are related beforehand. Features that
+/// share a vertex never do; nor do those of excluded groups.
 class SelfExclusion {
  public:
   SelfExclusion() = default;
@@ -53,14 +55,23 @@ class SelfExclusion {
   /// Shared vertices and groups; -1 in either list is skipped.
   bool excludes(const std::array<int, 3>& first, const std::array<int, 3>& second) const;
   /// Whether two clusters are excluded as wholes: the groups of all their triangles' first vertices exclude each other.
-  bool excludesClusters(int a, int b) const;
+  bool excludesClusters(int a, int b) const { return clusters_.contains(a, b); }
+  /// Whether any two features of these clusters may be excluded, or share a vertex.
+  bool touchesClusters(int a, int b) const { return clusters_.empty() || touching_clusters_.contains(a, b); }
 
  private:
-  void excludeClusters(const CollisionSurface& surface);
+  struct Relation {  // of clusters
+    std::vector<int> offset, other;
+    bool empty() const { return offset.empty(); }
+    bool contains(int a, int b) const;
+    void endRow() { offset.push_back(static_cast<int>(other.size())); }
+  };
+  void relateClusters(const CollisionSurface& surface);
   bool excludesAll(std::span<const int> groups, std::span<const int> others) const;
 
   std::vector<int> group_, offset_, neighbor_;
-  std::vector<int> cluster_offset_, cluster_neighbor_;  // excluded as wholes
+  Relation clusters_;           // excluded as wholes
+  Relation touching_clusters_;  // not free of exclusion
 };
 
 struct PairSettings {
@@ -90,16 +101,17 @@ class SurfacePairFinder {
  public:
   explicit SurfacePairFinder(const PairSettings& settings = {}) : settings_(settings) {}
 
-  /// Pairs between two surfaces; appends. Both must be refitted.
+  /// Pairs between two surfaces, in an order that depends on the features alone; appends. Both must be refitted.
   /// @param reach  > 0 [m]
-  void find(const CollisionSurface& a, const CollisionSurface& b, double reach, std::vector<FeaturePair>& out);
+  /// @param front  of earlier searches with these surfaces
+  void find(const CollisionSurface& a, const CollisionSurface& b, double reach, std::vector<FeaturePair>& out,
+            PairFront* front = nullptr);
   /// Pairs within one surface; appends.
-  void findSelf(const CollisionSurface& a, const SelfExclusion& exclusion, double reach, std::vector<FeaturePair>& out);
+  void findSelf(const CollisionSurface& a, const SelfExclusion& exclusion, double reach, std::vector<FeaturePair>& out,
+                PairFront* front = nullptr);
 
  private:
-  struct NodePair {
-    int a, b;
-  };
+  using NodePair = PairFront::NodePair;
   struct Local {  // triangle of a cluster pair, with its box at hand
     MovingBox box;
     int triangle;
@@ -108,10 +120,12 @@ class SurfacePairFinder {
   struct Search;  // what one call knows
 
   void search(Search& s);
+  void continueFrom(PairFront& front, Search& s);
+  void descendFromRoots(Search& s);
   void descend(Search& s, NodePair root);
-  void expandSelf(Search& s);
-  void testClusters(Search& s, int ca, int cb);
-  void testTriangles(Search& s, int ta, int tb);
+  bool visit(Search& s, NodePair pair);
+  void testClusters(Search& s, NodePair leaves);
+  void testTriangles(Search& s, const Local& a, const Local& b);
   void testVertexFace(Search& s, bool vertex_first, int vertex, int owner, int face);
   void testEdgeEdge(Search& s, int edge_a, int edge_b);
 
