@@ -263,7 +263,14 @@ MovingBox CollisionSurface::boxOf(const Indices& vertices) const {
 
 void CollisionSurface::refit() {
   Bounds moves, places;
+  rounded_start_.resize(start.size());
+  rounded_end_.resize(end.size());
+  const auto rounded = [](const Vec3& p) {
+    return MovingBox::Corner(static_cast<float>(p.x()), static_cast<float>(p.y()), static_cast<float>(p.z()), 0.0f);
+  };
   for (size_t v = 0; v < start.size(); ++v) {
+    rounded_start_[v] = rounded(start[v]);
+    rounded_end_[v] = rounded(end[v]);
     moves.add(end[v] - start[v]);
     places.add(start[v]);
     places.add(end[v]);

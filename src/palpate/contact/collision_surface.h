@@ -21,13 +21,11 @@ struct MovingBox {
   Corner end_low = Corner::Zero();
   Corner end_negative_high = Corner::Zero();
 
-  /// Of one point.
-  static MovingBox around(const Vec3& start, const Vec3& end) {
-    const Corner s(static_cast<float>(start.x()), static_cast<float>(start.y()), static_cast<float>(start.z()), 0.0f);
-    const Corner e(static_cast<float>(end.x()), static_cast<float>(end.y()), static_cast<float>(end.z()), 0.0f);
-    const Corner rounding_s = s.abs() * std::numeric_limits<float>::epsilon();
-    const Corner rounding_e = e.abs() * std::numeric_limits<float>::epsilon();
-    return {s - rounding_s, -s - rounding_s, e - rounding_e, -e - rounding_e};
+  /// Of one point; coordinates rounded to the nearest.
+  static MovingBox around(const Corner& start, const Corner& end) {
+    constexpr float kRounding = std::numeric_limits<float>::epsilon();
+    const Corner of_start = start.abs() * kRounding, of_end = end.abs() * kRounding;
+    return {start - of_start, -start - of_start, end - of_end, -end - of_end};
   }
   void include(const MovingBox& other) {
     start_low = start_low.min(other.start_low);
@@ -71,8 +69,17 @@ class CollisionSurface {
   std::vector<Vec3> end;    ///< [m]
   /// Boxes of the present start and end. Needed once for a surface that never moves; the constructor does it.
   void refit();
-  /// The same with bounds that are known otherwise: costs nothing until boxes are asked for.
+  /// The same for vertices placed by the functions below, with bounds that are known otherwise: costs nothing until
+  /// boxes are asked for.
   void refit(const MotionBounds& bounds);
+  /// @param p  x, y, z, 0 [m]
+  void placeStart(int vertex, const Eigen::Vector4d& p) { place(vertex, p, start, rounded_start_); }
+  void placeEnd(int vertex, const Eigen::Vector4d& p) { place(vertex, p, end, rounded_end_); }
+  /// The ends become the starts, and the other way round.
+  void swapEnds() {
+    start.swap(end);
+    rounded_start_.swap(rounded_end_);
+  }
   /// As of the last refit().
   const MotionBounds& bounds() const { return bounds_; }
 
@@ -95,8 +102,11 @@ class CollisionSurface {
   bool ownsEdge(int triangle, int i) const { return (owned(triangle) >> (3 + i) & 1) != 0; }
   /// Box of a vertex on its way, as of the present start and end.
   MovingBox vertexBox(int vertex) const {
-    return MovingBox::around(start[static_cast<size_t>(vertex)], end[static_cast<size_t>(vertex)]);
+    return MovingBox::around(rounded_start_[static_cast<size_t>(vertex)], rounded_end_[static_cast<size_t>(vertex)]);
   }
+  /// Start and end to single precision: x, y, z, 0.
+  const MovingBox::Corner& roundedStart(int vertex) const { return rounded_start_[static_cast<size_t>(vertex)]; }
+  const MovingBox::Corner& roundedEnd(int vertex) const { return rounded_end_[static_cast<size_t>(vertex)]; }
   int ownerOfEdge(int edge) const { return edge_triangles_[static_cast<size_t>(edge)][0]; }
   /// Every edge has exactly two triangles, which run along it in opposite directions.
   bool closed() const { return closed_; }
@@ -147,6 +157,11 @@ class CollisionSurface {
   double clusterSize() const { return cluster_size_; }
 
  private:
+  using Rounded = std::vector<MovingBox::Corner, Eigen::aligned_allocator<MovingBox::Corner>>;
+  static void place(int vertex, const Eigen::Vector4d& p, std::vector<Vec3>& exact, Rounded& rounded) {
+    exact[static_cast<size_t>(vertex)] = p.head<3>();
+    rounded[static_cast<size_t>(vertex)] = p.cast<float>().array();
+  }
   void buildEdges();
   void buildVertexTriangles();
   void buildClusters(std::span<const int> cluster_of_triangle);
@@ -157,6 +172,7 @@ class CollisionSurface {
   MovingBox boxOf(const Indices& vertices) const;
   void makeNodeBox(int node) const;
 
+  Rounded rounded_start_, rounded_end_;  // to single precision
   std::vector<Vec3> rest_;
   std::vector<std::array<int, 3>> triangles_;
   std::vector<std::array<int, 2>> edges_;

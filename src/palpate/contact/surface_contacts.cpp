@@ -212,7 +212,9 @@ bool SurfaceContacts::active() const {
   return moving > 0 && (items_.size() > 1 || items_.front().self);
 }
 
-void SurfaceContacts::place(const Item& item, const VecX& x, std::vector<Vec3>& out) {
+// Where vertices are while their nodes are at x; put(vertex, x y z 0) takes them.
+template <class Put>
+void SurfaceContacts::place(const Item& item, const VecX& x, Put put) {
   const Eigen::Index n = x.size() / 3;
   nodes_.resize(static_cast<std::size_t>(n));
   for (Eigen::Index i = 0; i < n; ++i) nodes_[i] << x.segment<3>(3 * i), 0.0;
@@ -221,7 +223,7 @@ void SurfaceContacts::place(const Item& item, const VecX& x, std::vector<Vec3>& 
     const auto& weight = item.weights[v];
     const Eigen::Vector4d p = weight[0] * nodes_[node[0]] + weight[1] * nodes_[node[1]] + weight[2] * nodes_[node[2]] +
                               weight[3] * nodes_[node[3]];
-    out[v] = p.head<3>();
+    put(static_cast<int>(v), p);
   }
 }
 
@@ -230,10 +232,9 @@ void SurfaceContacts::placeEnd(Item& item, const std::array<int, 3>& vertices) {
   if (item.end_placed) return;
   for (const int v : vertices) {
     if (v < 0) continue;
-    item.surface.end[v].setZero();
-    for (int k = 0; k < 4; ++k) {
-      item.surface.end[v] += item.weights[v][k] * item.end.segment<3>(3 * item.nodes[v][k]);
-    }
+    Eigen::Vector4d p = Eigen::Vector4d::Zero();
+    for (int k = 0; k < 4; ++k) p.head<3>() += item.weights[v][k] * item.end.segment<3>(3 * item.nodes[v][k]);
+    item.surface.placeEnd(v, p);
   }
 }
 
@@ -268,10 +269,10 @@ void SurfaceContacts::setStart(int body, const VecX& x) {
       } else {
         item.moved.follow(motionOf(item, item.start, x));
       }
-      item.surface.start.swap(item.surface.end);
+      item.surface.swapEnds();
     } else {
       item.moved.follow(motionOf(item, item.start, x));
-      place(item, x, item.surface.start);
+      place(item, x, [&item](int v, const Eigen::Vector4d& p) { item.surface.placeStart(v, p); });
     }
     item.start = x;
     item.end = x;
@@ -293,7 +294,9 @@ void SurfaceContacts::setEnd(int body, const VecX& x) {
 
 void SurfaceContacts::refit(Item& item) {
   if (!item.stale) return;
-  if (!item.end_placed) place(item, item.end, item.surface.end);
+  if (!item.end_placed) {
+    place(item, item.end, [&item](int v, const Eigen::Vector4d& p) { item.surface.placeEnd(v, p); });
+  }
   item.end_placed = true;
   constexpr double kTight = 2.0;
   if (item.leverage < kTight) {

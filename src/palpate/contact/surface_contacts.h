@@ -99,7 +99,8 @@ class SurfaceContacts {
   using Corners = std::vector<Eigen::Vector4d, Eigen::aligned_allocator<Eigen::Vector4d>>;
   PairState& pair(std::size_t a, std::size_t b) { return pairs_[b * (b - 1) / 2 + a]; }
   static int id(const Item& item);
-  void place(const Item& item, const VecX& x, std::vector<Vec3>& out);
+  template <class Put>
+  void place(const Item& item, const VecX& x, Put put);
   static void placeEnd(Item& item, const std::array<int, 3>& vertices);
   static MotionBounds motionOf(const Item& item, const VecX& from, const VecX& to);
   void refit(Item& item);

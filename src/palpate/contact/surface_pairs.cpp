@@ -199,7 +199,14 @@ struct SurfacePairFinder::Search {
   bool excluded(const std::array<int, 3>& p, const std::array<int, 3>& q) const {
     return exclusion != nullptr && exclusion->excludes(p, q);
   }
-  bool meet(const MovingBox& p, const MovingBox& q) const;
+  // On some axis apart at the start and at the end, hence throughout; else when exactly, if that is worth asking.
+  bool meet(const MovingBox& p, const MovingBox& q) const {
+    const MovingBox::Corner low = (p.start_low + q.start_negative_high).min(p.end_low + q.end_negative_high);
+    const MovingBox::Corner high = (p.start_negative_high + q.start_low).min(p.end_negative_high + q.end_low);
+    if ((low.max(high) > box_reach).any()) return false;
+    return !fast || meetInTime(p, q);
+  }
+  bool meetInTime(const MovingBox& p, const MovingBox& q) const;
   double threshold(double start_distance, double fraction) const { return fraction * std::min(start_distance, reach); }
   /// Whether a pair is to be reported now: near the start in the first piece, near the end in the last, hits in theirs.
   bool wanted(const FeaturePair& pair) const {
@@ -220,7 +227,7 @@ float startDistance(const MovingBox& p, const MovingBox& q) {
 
 // Each axis gives two conditions, linear in time; boxes are apart where one fails throughout, or where they do not hold
 // at any one time together.
-bool SurfacePairFinder::Search::meet(const MovingBox& p, const MovingBox& q) const {
+bool SurfacePairFinder::Search::meetInTime(const MovingBox& p, const MovingBox& q) const {
   using Corner = MovingBox::Corner;
   Corner low0 = p.start_low + q.start_negative_high, high0 = p.start_negative_high + q.start_low;
   Corner low1 = p.end_low + q.end_negative_high, high1 = p.end_negative_high + q.end_low;
@@ -231,9 +238,8 @@ bool SurfacePairFinder::Search::meet(const MovingBox& p, const MovingBox& q) con
     high1 = high0 + t * high;
     low0 += f * low;
     high0 += f * high;
+    if (low0.min(low1).max(high0.min(high1)).maxCoeff() > box_reach) return false;
   }
-  if (low0.min(low1).max(high0.min(high1)).maxCoeff() > box_reach) return false;
-  if (!fast) return true;
   float enter = 0, leave = 1;
   const auto restrict = [&](const Corner& begin, const Corner& finish) {
     for (int i = 0; i < 3; ++i) {
@@ -393,11 +399,33 @@ void SurfacePairFinder::testClusters(Search& s, NodePair leaves) {
       if ((!same || p.triangle < q.triangle) && s.meet(p.box, q.box)) testTriangles(s, p, q);
 }
 
+// Whether a plane that moves with neither, square to the first triangle at its start, keeps the two farther apart than
+// `reach` at the start and at the end, hence throughout.
+bool SurfacePairFinder::apartAlongNormal(const CollisionSurface& sp, const std::array<int, 3>& p,
+                                         const CollisionSurface& sq, const std::array<int, 3>& q, float reach) {
+  using Vec3f = Eigen::Vector3f;
+  const auto start = [](const CollisionSurface& s, int v) -> Vec3f { return s.roundedStart(v).head<3>(); };
+  const auto end = [](const CollisionSurface& s, int v) -> Vec3f { return s.roundedEnd(v).head<3>(); };
+  const Vec3f origin = start(sp, p[0]);
+  const Vec3f normal = (start(sp, p[1]) - origin).cross(start(sp, p[2]) - origin);
+  float p_low = 0, p_high = 0, q_low = std::numeric_limits<float>::infinity(), q_high = -q_low;  // start of p: all 0
+  for (size_t i = 0; i < 3; ++i) {
+    const float pe = normal.dot(end(sp, p[i]) - origin);
+    p_low = std::min(p_low, pe);
+    p_high = std::max(p_high, pe);
+    const float qs = normal.dot(start(sq, q[i]) - origin), qe = normal.dot(end(sq, q[i]) - origin);
+    q_low = std::min(q_low, std::min(qs, qe));
+    q_high = std::max(q_high, std::max(qs, qe));
+  }
+  return std::max(q_low - p_high, p_low - q_high) > reach * normal.norm();
+}
+
 void SurfacePairFinder::testTriangles(Search& s, const Local& a, const Local& b) {
   const int ta = a.triangle, tb = b.triangle;
   const auto &va = s.a.triangles()[static_cast<size_t>(ta)], &vb = s.b.triangles()[static_cast<size_t>(tb)];
   const auto &ea = s.a.triangleEdges()[static_cast<size_t>(ta)], &eb = s.b.triangleEdges()[static_cast<size_t>(tb)];
-  // most features of triangles whose boxes meet are apart by their own boxes
+  if (apartAlongNormal(s.a, va, s.b, vb, s.box_reach) || apartAlongNormal(s.b, vb, s.a, va, s.box_reach)) return;
+  // most features of triangles that meet are apart by their own boxes
   std::array<MovingBox, 3> box_a, box_b;
   for (size_t k = 0; k < 3; ++k) {
     box_a[k] = s.a.vertexBox(va[k]);
