@@ -106,8 +106,8 @@ bool ContactSolver::factorize(const ContactProblem& problem, double regularizati
     }
     for (int d = 0; d < j.dims; ++d) {
       const Eigen::Index column = j.offset + d;
-      moved.noalias() = problem.delassus.middleCols<3>(3 * j.contact) * j.b.col(d);
-      tested.noalias() = problem.delassus.middleCols<3>(3 * j.contact) * j.c.col(d);
+      moved = problem.delassus.middleCols<3>(3 * j.contact).lazyProduct(j.b.col(d));
+      tested = problem.delassus.middleCols<3>(3 * j.contact).lazyProduct(j.c.col(d));
       for (const Free& i : free_) {
         if (i.dims == 3) {
           right.block<3, 1>(i.offset, column) = moved.segment<3>(3 * i.contact);

@@ -164,7 +164,15 @@ ContactStatus ContactSolver::nearest(const FrictionCone& cone, double radius, co
     return {length < radius ? ContactState::stick : ContactState::slide, 0};
   }
   const double sector = 2.0 * std::numbers::pi / cone.facets;
-  const int k = wrap(static_cast<int>(std::floor(std::atan2(p[1], p[0]) / sector)), cone.facets);
+  int k = 0;  // the edge in whose sector p is
+  double farthest = p.dot(normal_[0]);
+  for (int edge = 1; edge < cone.facets; ++edge) {
+    const double out = p.dot(normal_[edge]);
+    if (out > farthest) {
+      farthest = out;
+      k = edge;
+    }
+  }
   const double apothem = radius * std::cos(0.5 * sector), half = radius * std::sin(0.5 * sector);
   if (p.dot(normal_[k]) < apothem) {
     point = p;
@@ -208,6 +216,23 @@ void ContactSolver::classify(const ContactProblem& problem) {
       status_[i] = nearest(problem.cone, problem.friction[i] * augmented[0], augmented.tail<2>(), point);
       if (point.squaredNorm() > 0.0) heading_[i] = point.normalized();
     }
+  }
+}
+
+/// Contacts that slid and slide go no farther than to the next edge or vertex: an edge's solution that ends beyond its
+/// vertex says that the vertex comes next, but not, as rho is only a guess of the compliance, what comes after it.
+void ContactSolver::walk(const FrictionCone& cone, const std::vector<ContactStatus>& before) {
+  if (cone.exact) return;
+  const auto polygonal = [](const ContactStatus& s) {
+    return s.state == ContactState::edge || s.state == ContactState::vertex;
+  };
+  const auto place = [](const ContactStatus& s) { return 2 * s.index + (s.state == ContactState::edge ? 1 : 0); };
+  for (std::size_t i = 0; i < before.size(); ++i) {
+    if (!polygonal(before[i]) || !polygonal(status_[i])) continue;
+    const int turn = wrap(place(status_[i]) - place(before[i]) + cone.facets, 2 * cone.facets) - cone.facets;
+    if (std::abs(turn) < 2 || 2 * std::abs(turn) > cone.facets) continue;
+    const int next = wrap(place(before[i]) + (turn > 0 ? 1 : -1), 2 * cone.facets);
+    status_[i] = {next % 2 == 1 ? ContactState::edge : ContactState::vertex, next / 2};
   }
 }
 
@@ -311,7 +336,9 @@ void ContactSolver::newtonPhase(const ContactProblem& problem, double tolerance,
     stalled = now < 0.9 * phase_best ? 0 : stalled + 1;
     phase_best = std::min(phase_best, now);
     if (stalled == 4) return;
+    before_ = status_;
     classify(problem);
+    if (stalled > 0) walk(problem.cone, before_);
   }
 }
 

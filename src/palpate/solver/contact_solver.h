@@ -139,6 +139,7 @@ class ContactSolver {
   double keepBest(const ContactProblem& problem, Best& best);
   void goTo(const ContactProblem& problem, const Best& best);
   void classify(const ContactProblem& problem);
+  void walk(const FrictionCone& cone, const std::vector<ContactStatus>& before);
   void settleStates(const ContactProblem& problem);
   void sweep(const ContactProblem& problem);
   void newtonPhase(const ContactProblem& problem, double tolerance, Best& best, int steps, Work& work);
@@ -162,6 +163,7 @@ class ContactSolver {
   VecX rho_;                              ///< [m] impulse times this compares with velocity [1/kg]
   VecX lambda_, w_;                       ///< [3m] the iterate and its velocity
   std::vector<ContactStatus> status_;     ///< [m]
+  std::vector<ContactStatus> before_;     ///< [m] those of the last Newton step
   std::vector<Eigen::Vector2d> heading_;  ///< [m] unit direction of friction, exact cone
   Best best_, swept_, nearby_, center_;   ///< of the problem; where sweeps ended; of a proximal problem
   VecX shifted_free_;
