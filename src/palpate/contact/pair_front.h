@@ -7,9 +7,9 @@
 namespace palpate {
 
 /// Where earlier searches among the same two surfaces, or within one, stopped to descend their trees: pairs of boxes
-/// that were apart, with the motion that it takes before they can meet, and pairs of clusters that met. The next search
-/// goes on from there and looks only at what the surfaces' relative motion since then may have brought together. It
-/// finds the same as one from the roots.
+/// or of clusters whose triangles were apart, with the motion that it takes before they can meet, and those that met.
+/// The next search goes on from there and looks only at what the surfaces' relative motion since then may have brought
+/// together. It finds the same as one from the roots.
 class PairFront {
  public:
   /// Vertices of the two surfaces have moved relative to each other, from the start of the last search's motion to that

@@ -190,6 +190,7 @@ struct SurfacePairFinder::Search {
 
   PairFront* front = nullptr;
   bool may_exclude = false;  // among the features of the present clusters
+  float clearance = 0;       // no two triangles of the present clusters start nearer to each other [m]
   float box_reach = 0;       // reach, and what single precision loses
   bool fast = false;         // boxes move by more than their size: worth asking when they meet
   double from = 0, to = 1;
@@ -199,12 +200,25 @@ struct SurfacePairFinder::Search {
   bool excluded(const std::array<int, 3>& p, const std::array<int, 3>& q) const {
     return exclusion != nullptr && exclusion->excludes(p, q);
   }
-  // On some axis apart at the start and at the end, hence throughout; else when exactly, if that is worth asking.
-  bool meet(const MovingBox& p, const MovingBox& q) const {
+  // What some axis keeps the boxes apart by at the start and at the end, hence throughout.
+  static float gap(const MovingBox& p, const MovingBox& q) {
     const MovingBox::Corner low = (p.start_low + q.start_negative_high).min(p.end_low + q.end_negative_high);
     const MovingBox::Corner high = (p.start_negative_high + q.start_low).min(p.end_negative_high + q.end_low);
-    if ((low.max(high) > box_reach).any()) return false;
-    return !fast || meetInTime(p, q);
+    return low.max(high).maxCoeff();
+  }
+  bool meet(const MovingBox& p, const MovingBox& q) const {
+    return gap(p, q) <= box_reach && (!fast || meetInTime(p, q));
+  }
+  // For triangles: keeps what is left of the clearance.
+  bool meetClosely(const MovingBox& p, const MovingBox& q) {
+    const float apart = gap(p, q);
+    if (apart > box_reach) {
+      clearance = std::min(clearance, apart);
+      return false;
+    }
+    if (!fast || meetInTime(p, q)) return true;
+    clearance = 0;
+    return false;
   }
   bool meetInTime(const MovingBox& p, const MovingBox& q) const;
   double threshold(double start_distance, double fraction) const { return fraction * std::min(start_distance, reach); }
@@ -366,8 +380,11 @@ bool SurfacePairFinder::visit(Search& s, NodePair p) {
     return false;
   }
   if (!leaves) return true;
-  if (s.front != nullptr) s.front->add(p, PairFront::kAlways);
   testClusters(s, p);
+  if (s.front != nullptr) {
+    const double until = s.front->odometer_ + static_cast<double>(s.clearance - s.box_reach);
+    s.front->add(p, s.clearance > s.box_reach ? until : PairFront::kAlways);
+  }
   return false;
 }
 
@@ -380,7 +397,7 @@ void SurfacePairFinder::testClusters(Search& s, NodePair leaves) {
     const auto triangles = surface.trianglesOfCluster(cluster);
     local.clear();
     for (size_t i = 0; i < boxes.size(); ++i) {
-      if (!s.meet(boxes[i], other)) continue;
+      if (!s.meetClosely(boxes[i], other)) continue;
       if (local.empty())
         around = boxes[i];
       else
@@ -390,19 +407,20 @@ void SurfacePairFinder::testClusters(Search& s, NodePair leaves) {
   };
   const bool same = s.self() && ca == cb;
   s.may_exclude = s.self() && s.exclusion->touchesClusters(ca, cb);
+  s.clearance = std::numeric_limits<float>::infinity();
   MovingBox around_a, around_b;
   gather(s.a, ca, s.b.nodeBox(leaves.b), local_a_, around_a);
   if (local_a_.empty()) return;
   gather(s.b, cb, same ? s.b.nodeBox(leaves.b) : around_a, local_b_, around_b);
   for (const Local& p : local_a_)
     for (const Local& q : local_b_)
-      if ((!same || p.triangle < q.triangle) && s.meet(p.box, q.box)) testTriangles(s, p, q);
+      if ((!same || p.triangle < q.triangle) && s.meetClosely(p.box, q.box)) testTriangles(s, p, q);
 }
 
-// Whether a plane that moves with neither, square to the first triangle at its start, keeps the two farther apart than
-// `reach` at the start and at the end, hence throughout.
-bool SurfacePairFinder::apartAlongNormal(const CollisionSurface& sp, const std::array<int, 3>& p,
-                                         const CollisionSurface& sq, const std::array<int, 3>& q, float reach) {
+// By how much planes square to the first triangle at its start keep the two apart at the start and at the end, hence
+// throughout; below zero if they do not.
+float SurfacePairFinder::gapAlongNormal(const CollisionSurface& sp, const std::array<int, 3>& p,
+                                        const CollisionSurface& sq, const std::array<int, 3>& q) {
   using Vec3f = Eigen::Vector3f;
   const auto start = [](const CollisionSurface& s, int v) -> Vec3f { return s.roundedStart(v).head<3>(); };
   const auto end = [](const CollisionSurface& s, int v) -> Vec3f { return s.roundedEnd(v).head<3>(); };
@@ -417,14 +435,21 @@ bool SurfacePairFinder::apartAlongNormal(const CollisionSurface& sp, const std::
     q_low = std::min(q_low, std::min(qs, qe));
     q_high = std::max(q_high, std::max(qs, qe));
   }
-  return std::max(q_low - p_high, p_low - q_high) > reach * normal.norm();
+  const float length = normal.norm();
+  return length > 0 ? std::max(q_low - p_high, p_low - q_high) / length : 0.0f;
 }
 
 void SurfacePairFinder::testTriangles(Search& s, const Local& a, const Local& b) {
   const int ta = a.triangle, tb = b.triangle;
   const auto &va = s.a.triangles()[static_cast<size_t>(ta)], &vb = s.b.triangles()[static_cast<size_t>(tb)];
   const auto &ea = s.a.triangleEdges()[static_cast<size_t>(ta)], &eb = s.b.triangleEdges()[static_cast<size_t>(tb)];
-  if (apartAlongNormal(s.a, va, s.b, vb, s.box_reach) || apartAlongNormal(s.b, vb, s.a, va, s.box_reach)) return;
+  float apart = gapAlongNormal(s.a, va, s.b, vb);
+  if (!(apart > s.box_reach)) apart = gapAlongNormal(s.b, vb, s.a, va);
+  if (apart > s.box_reach) {
+    s.clearance = std::min(s.clearance, apart);
+    return;
+  }
+  s.clearance = 0;
   // most features of triangles that meet are apart by their own boxes
   std::array<MovingBox, 3> box_a, box_b;
   for (size_t k = 0; k < 3; ++k) {

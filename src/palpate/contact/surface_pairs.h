@@ -125,8 +125,8 @@ class SurfacePairFinder {
   void descend(Search& s, NodePair root);
   bool visit(Search& s, NodePair pair);
   void testClusters(Search& s, NodePair leaves);
-  static bool apartAlongNormal(const CollisionSurface& sp, const std::array<int, 3>& p, const CollisionSurface& sq,
-                               const std::array<int, 3>& q, float reach);
+  static float gapAlongNormal(const CollisionSurface& sp, const std::array<int, 3>& p, const CollisionSurface& sq,
+                              const std::array<int, 3>& q);
   void testTriangles(Search& s, const Local& a, const Local& b);
   void testVertexFace(Search& s, bool vertex_first, int vertex, int owner, int face);
   void testEdgeEdge(Search& s, int edge_a, int edge_b);
