@@ -30,9 +30,13 @@ TEST(RealtimeLoops, GoOnWhereTheyStood) {
   BuiltScene scene = buildScene(config);
   RealtimeLoops loops(scene, timingOf(config), {});
   std::vector<TickRecord> ticks;
+  bool granted = false;
+  std::thread([&granted] { granted = requestRealtime(80).reason.empty(); }).join();
+  EXPECT_TRUE(loops.realtimeNote().empty());
   for (int round = 1; round <= 3; ++round) {
     loops.start(1.0, kForever);
     waitForTicks(loops, ticks, 80u * round);
+    EXPECT_EQ(loops.realtimeNote().empty(), granted);  // known while they run
     loops.stop();
     waitForTicks(loops, ticks, 0);
     const double stood = loops.time();

@@ -272,6 +272,7 @@ struct LiveRun::Impl {
     f.missed = report.missed;
     f.dropped = stage->loops().dropped();
     f.delivered_energy = stage->lastTick().delivered_energy;
+    f.realtime_note = stage->loops().realtimeNote();
     f.server_share = wall > 0 ? (cpu - stats_cpu) / wall : 0.0;
     stats_time = now;
     stats_cpu = cpu;

@@ -59,6 +59,7 @@ void RealtimeLoops::stepAt(double now, double lateness, const DeviceState& devic
 
 void RealtimeLoops::runHaptic(double speed, std::int64_t last) {
   grant_ = requestRealtime(kHapticPriority);
+  asked_.store(true, std::memory_order_release);
   PeriodicClock clock(timing_.haptic_step / speed);
   clock.start(start_);
   const std::int64_t first = tick_;
@@ -94,6 +95,7 @@ void RealtimeLoops::start(double speed, double until) {
   if (started()) return;
   const auto last = static_cast<std::int64_t>(std::llround(std::min(until / timing_.haptic_step, 9e15)));
   stop_.store(false);
+  asked_.store(false);
   haptic_done_.store(false);
   visual_done_.store(false);
   failure_ = nullptr;

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <exception>
 #include <functional>
+#include <string>
 #include <thread>
 
 #include "palpate/haptics/device_filter.h"
@@ -56,6 +57,10 @@ class RealtimeLoops {
   std::uint64_t dropped() const noexcept { return ticks_.dropped() + visuals_.dropped(); }
   /// Timing of the haptic loop so far, renewed twice a second while it runs.
   const PeriodicReport& report() noexcept;
+  /// What the system refused to the haptic loop, for people; empty when it refused nothing or has not been asked yet.
+  const std::string& realtimeNote() const noexcept {
+    return asked_.load(std::memory_order_acquire) ? grant_.reason : none_;
+  }
   /// While stopped: what the run as a whole says so far.
   RunOutcome outcome() const;
 
@@ -73,7 +78,8 @@ class RealtimeLoops {
   HandleModel last_;
   SubstepBudget budget_;
   PeriodicReport haptic_report_, visual_report_, copy_;
-  RealtimeGrant grant_;
+  RealtimeGrant grant_;  // the haptic loop's, until asked_
+  const std::string none_;
   LatestValue<HandleModel> models_;   // visual to haptic
   LatestValue<DeviceState> samples_;  // haptic to visual
   LatestValue<PeriodicReport> reports_;
@@ -81,6 +87,7 @@ class RealtimeLoops {
   RecordQueue<VisualRecord> visuals_;
   std::int64_t tick_ = 0;  // next one
   std::atomic<bool> stop_{false};
+  std::atomic<bool> asked_{false};
   std::atomic<bool> haptic_done_{true}, visual_done_{true};
   std::atomic<int> substeps_{1};
   std::chrono::steady_clock::time_point start_;

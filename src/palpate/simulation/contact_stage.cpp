@@ -10,9 +10,10 @@ namespace {
 
 SurfaceContactSettings surfaceSettings(const ContactSettings& settings) { return {settings.thickness, settings.reach}; }
 
-constexpr double kFarOff = 0.1;      // thicknesses that a residual may mean in a step
-constexpr double kDeep = 0.5;        // thicknesses below a plane at which a motion is cut short
-constexpr double kLargestArc = 5.0;  // thicknesses by which a gap is corrected for the handle's turning
+constexpr double kNegligible = 1e-16;  // m/s of residual, where everything is as good as at rest
+constexpr double kFarOff = 0.1;        // thicknesses that a residual may mean in a step
+constexpr double kDeep = 0.5;          // thicknesses below a plane at which a motion is cut short
+constexpr double kLargestArc = 5.0;    // thicknesses by which a gap is corrected for the handle's turning
 
 }  // namespace
 
@@ -244,7 +245,7 @@ void ContactStage::solveIsland(std::size_t index, double h, double scale, const 
     status_[k] = set_.status[i];
   }
   const double own = std::max(free_.lpNorm<Eigen::Infinity>(), bias_.lpNorm<Eigen::Infinity>());
-  if (own == 0) {
+  if (own == 0 || island.delassus.isZero(0.0)) {  // nothing moves towards anything, or nothing can move
     impulse_.setZero();
     status_.assign(island.contacts.size(), {});
     island.solver = {true, 0, 0.0};
@@ -254,6 +255,7 @@ void ContactStage::solveIsland(std::size_t index, double h, double scale, const 
       solver.tolerance *= scale / own;
       solver.acceptable *= scale / own;
     }
+    solver.tolerance = std::max(solver.tolerance, kNegligible / own);
     const ContactProblem problem{island.delassus, free_, bias_, friction_, settings.cone};
     island.solver = solvers_[index].solve(problem, solver, impulse_, status_);
   }
