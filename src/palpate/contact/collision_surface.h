@@ -39,11 +39,11 @@ struct MovingBox {
 
 /// What holds for all vertices of a surface in a step.
 struct MotionBounds {
-  double extent = 0;                     ///< no coordinate is larger, at the start or the end [m]
-  Vec3 least = Vec3::Zero();             ///< displacement from start to end, axis by axis [m]
-  Vec3 greatest = Vec3::Zero();          ///< [m]
-  void follow(const MotionBounds& next)  ///< one motion after the other
-  {
+  double extent = 0;             ///< no coordinate is larger, at the start or the end [m]
+  Vec3 least = Vec3::Zero();     ///< displacement from start to end, axis by axis [m]
+  Vec3 greatest = Vec3::Zero();  ///< [m]
+  /// One motion after the other.
+  void follow(const MotionBounds& next) {
     extent = std::max(extent, next.extent);
     least += next.least;
     greatest += next.greatest;
