@@ -86,16 +86,7 @@ TEST(PairFront, TwoSurfacesThatDeformRubPartAndCollide) {
 
 TEST(PairFront, OneSurfaceThatCurlsUpAndOpens) {
   const int cells = 60;
-  Surface strip;
-  for (int i = 0; i <= cells; ++i)
-    for (int j = 0; j <= 2; ++j) strip.vertices.emplace_back(0.1 * i / cells, 0.003 * j + 1e-4 * i, 0);
-  for (int i = 0; i < cells; ++i)
-    for (int j = 0; j < 2; ++j) {
-      const int v = 3 * i + j;
-      strip.triangles.push_back({v, v + 3, v + 4});
-      strip.triangles.push_back({v, v + 4, v + 1});
-    }
-  CollisionSurface s(strip, [&] {
+  CollisionSurface s(strip(cells), [&] {
     std::vector<int> cluster;
     for (int i = 0; i < 4 * cells; ++i) cluster.push_back(i / 12);
     return cluster;
@@ -107,13 +98,6 @@ TEST(PairFront, OneSurfaceThatCurlsUpAndOpens) {
     offset.push_back(static_cast<int>(neighbor.size()));
   }
   const SelfExclusion exclusion(s, group, offset, neighbor);
-  const auto curl = [&](std::vector<Vec3>& x, double angle) {
-    const double radius = 0.1 / angle;
-    for (size_t i = 0; i < x.size(); ++i) {
-      const Vec3& p = s.rest()[i];
-      x[i] = Vec3(radius * std::sin(p.x() / radius), p.y(), radius * (1 - std::cos(p.x() / radius)));
-    }
-  };
   SurfacePairFinder finder;
   PairFront front;
   Starts starts(s);
@@ -121,8 +105,8 @@ TEST(PairFront, OneSurfaceThatCurlsUpAndOpens) {
   size_t found = 0;
   for (int step = 0; step < 300; ++step) {
     const double next = 5.7 + 0.7 * std::sin(0.05 * step) + (step % 50 == 49 ? -1.0 : 0.0);
-    curl(s.start, angle);
-    curl(s.end, next);
+    bend(s, s.start, angle);
+    bend(s, s.end, next);
     s.refit();
     const MotionBounds moved = starts.moved(s);
     front.moved(relativeMotion(moved, moved));

@@ -74,4 +74,27 @@ inline double bruteDistance(const CollisionSurface& a, const std::vector<Vec3>& 
   return best;
 }
 
+/// 10 cm long, two cells wide, in the xy plane.
+inline Surface strip(int cells) {
+  Surface s;
+  for (int i = 0; i <= cells; ++i)
+    for (int j = 0; j <= 2; ++j) s.vertices.emplace_back(0.1 * i / cells, 0.003 * j + 1e-4 * i, 0);
+  for (int i = 0; i < cells; ++i)
+    for (int j = 0; j < 2; ++j) {
+      const int v = 3 * i + j;
+      s.triangles.push_back({v, v + 3, v + 4});
+      s.triangles.push_back({v, v + 4, v + 1});
+    }
+  return s;
+}
+
+/// The strip curled up by an angle.
+inline void bend(const CollisionSurface& s, std::vector<Vec3>& x, double angle) {
+  const double radius = 0.1 / angle;
+  for (size_t i = 0; i < x.size(); ++i) {
+    const Vec3& p = s.rest()[i];
+    x[i] = Vec3(radius * std::sin(p.x() / radius), p.y(), radius * (1 - std::cos(p.x() / radius)));
+  }
+}
+
 }  // namespace palpate
