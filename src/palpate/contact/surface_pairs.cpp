@@ -189,6 +189,7 @@ struct SurfacePairFinder::Search {
   std::vector<FeaturePair>& out;
 
   PairFront* front = nullptr;
+  double relative = 0;       // bound of how far vertices move relative to each other [m]
   bool may_exclude = false;  // among the features of the present clusters
   float clearance = 0;       // no two triangles of the present clusters start nearer to each other [m]
   float box_reach = 0;       // reach, and what single precision loses
@@ -289,9 +290,9 @@ void SurfacePairFinder::search(Search& s) {
   const double extent = std::max(s.a.bounds().extent, s.b.bounds().extent);
   s.box_reach = static_cast<float>(s.reach * (1 + 1e-6)) + 1e-6f * static_cast<float>(extent);
   const size_t begin = s.out.size();
-  const double relative = relativeMotion(s.a.bounds(), s.b.bounds());
+  s.relative = relativeMotion(s.a.bounds(), s.b.bounds());
   const double size = std::max(1e-9, 0.5 * (s.a.clusterSize() + s.b.clusterSize()));
-  const double ratio = relative / (size + s.reach);
+  const double ratio = s.relative / (size + s.reach);
   s.fast = ratio > 0.5;
   const int pieces =
       std::isfinite(ratio)
@@ -324,7 +325,7 @@ void SurfacePairFinder::continueFrom(PairFront& front, Search& s) {
     front.roots_size_ = front.pairs_.size() + 1;
     return;
   }
-  const double now = front.odometer_ + relativeMotion(s.a.bounds(), s.b.bounds());
+  const double now = front.odometer_ + s.relative;
   const size_t size = front.pairs_.size();
   bool opened = false;
   for (size_t i = 0; i < size; ++i) {
@@ -435,8 +436,9 @@ float SurfacePairFinder::gapAlongNormal(const CollisionSurface& sp, const std::a
     q_low = std::min(q_low, std::min(qs, qe));
     q_high = std::max(q_high, std::max(qs, qe));
   }
+  constexpr float kShortest = 1e-15f;  // square meters; squares of shorter ones run out of single precision's exponents
   const float length = normal.norm();
-  return length > 0 ? std::max(q_low - p_high, p_low - q_high) / length : 0.0f;
+  return length > kShortest ? std::max(q_low - p_high, p_low - q_high) / length : 0.0f;
 }
 
 void SurfacePairFinder::testTriangles(Search& s, const Local& a, const Local& b) {
