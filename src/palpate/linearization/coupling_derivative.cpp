@@ -20,6 +20,14 @@ struct BoundaryElement {
   std::array<Vec3, 4> stiffness_velocity;  // (K v)_i
 };
 
+/// First Piola-Kirchhoff stress times the volume; with 0 in place of 1 its change with the deformation gradient's.
+Mat3 stress(const ElasticElement& e, const Mat3& gradient, double one) {
+  const Mat3 g = e.rotation.transpose() * gradient;
+  Mat3 s = e.mu * (g + g.transpose());
+  s.diagonal().array() += e.lambda * (g.trace() - 3.0 * one) - 2.0 * e.mu * one;
+  return e.rotation * s;
+}
+
 BoundaryElement view(const Body& tool, int index) {
   const ElasticElement& e = tool.elasticity().elements()[index];
   BoundaryElement b;
@@ -39,14 +47,8 @@ BoundaryElement view(const Body& tool, int index) {
   // K v by the stress that v makes, as the forces by that of x: far fewer operations than K's sixteen blocks
   Mat3 rate = b.velocity[0] * e.gradient[0].transpose();
   for (int k = 1; k < 4; ++k) rate += b.velocity[k] * e.gradient[k].transpose();
-  const auto stress = [&](const Mat3& gradient, double trace_offset) -> Mat3 {
-    const Mat3 g = e.rotation.transpose() * gradient;
-    Mat3 s = e.mu * (g + g.transpose());
-    s.diagonal().array() += e.lambda * (g.trace() - 3.0 * trace_offset) - 2.0 * e.mu * trace_offset;
-    return e.rotation * s;
-  };
-  const Mat3 start = stress(e.deformationGradient(tool.startPositions()), 1.0);
-  const Mat3 change = stress(rate, 0.0);
+  const Mat3 start = stress(e, e.deformationGradient(tool.startPositions()), 1.0);
+  const Mat3 change = stress(e, rate, 0.0);
   for (int i = 0; i < 4; ++i) {
     b.start_force[i] = -(start * e.gradient[i]);
     b.stiffness_velocity[i] = change * e.gradient[i];
@@ -61,17 +63,37 @@ double stiffnessTime(const Body& tool) { return tool.input().step + tool.elastic
 CouplingForces couplingForces(const Body& tool) {
   CouplingForces out;
   const double time = stiffnessTime(tool);
+  const Mat3 rotation = tool.startPose().matrix();
+  const Vec3 linear = tool.endTwist().head<3>(), angular = tool.endTwist().tail<3>();
+  // forces are -P grad N_j, so an element's sum of l_j f_j^T over its attached nodes is -(sum of l_j grad N_j^T) P^T
+  Vec3 force = Vec3::Zero();
+  Mat3 moments_start = Mat3::Zero(), moments_end = Mat3::Zero();
   for (const int index : tool.boundaryElements()) {
-    const BoundaryElement b = view(tool, index);
-    for (int i = 0; i < 4; ++i) {
-      if (b.attached[i] < 0) continue;
-      const Vec3 end = b.start_force[i] - time * b.stiffness_velocity[i];
-      out.wrench.head<3>() += end;
-      out.wrench.tail<3>() += b.lever[i].cross(end);
-      out.lever_start.bottomRightCorner<3, 3>() += skew(b.start_force[i]) * skew(b.lever[i]);
-      out.lever_end.bottomRightCorner<3, 3>() += skew(end) * skew(b.lever[i]);
+    const ElasticElement& e = tool.elasticity().elements()[index];
+    Mat3 rate = Mat3::Zero(), levers = Mat3::Zero();
+    Vec3 gradients = Vec3::Zero();
+    for (int j = 0; j < 4; ++j) {
+      const int attached = tool.attachedIndex()[e.node[j]];
+      if (attached >= 0) {
+        const Vec3 lever = rotation * tool.handle().offsets[attached];
+        rate += (linear + angular.cross(lever)) * e.gradient[j].transpose();
+        levers += lever * e.gradient[j].transpose();
+        gradients += e.gradient[j];
+      } else {
+        rate += tool.endVelocity().segment<3>(3 * tool.row()[e.node[j]]) * e.gradient[j].transpose();
+      }
     }
+    const Mat3 start = e.deformationGradient(tool.startPositions());
+    const Mat3 end_stress = stress(e, start + time * rate, 1.0);
+    force -= end_stress * gradients;
+    moments_start -= levers * stress(e, start, 1.0).transpose();
+    moments_end -= levers * end_stress.transpose();
   }
+  out.wrench << force, moments_end(1, 2) - moments_end(2, 1), moments_end(2, 0) - moments_end(0, 2),
+      moments_end(0, 1) - moments_end(1, 0);
+  // [f]x [l]x = l f^T - (l . f) 1
+  out.lever_start.bottomRightCorner<3, 3>() = moments_start - moments_start.trace() * Mat3::Identity();
+  out.lever_end.bottomRightCorner<3, 3>() = moments_end - moments_end.trace() * Mat3::Identity();
   return out;
 }
 

@@ -8,6 +8,7 @@
 #include "palpate/common/error.h"
 #include "palpate/math/rotation.h"
 #include "palpate/mesh/surface_measures.h"
+#include "palpate/solver/triangular_solve.h"
 
 namespace palpate {
 
@@ -190,38 +191,53 @@ void Body::assembleHandle() {
   const double h = input_.step;
   pose0_ = hd.pose;
   twist0_ = hd.twist;
-  a_th_.setZero(3 * freeNodes(), 6);
+  // by columns of four doubles, which the processor adds at once
+  const auto pad = [](const Vec3& v) { return Vec4(v[0], v[1], v[2], 0.0); };
+  pulled_.setZero(4, 6 * freeNodes());
   gkg_.setZero();
   const Mat3 rotation = hd.pose.matrix();
   for (const int index : boundary_) {
     const ElasticElement& e = fem_.elements()[index];
-    const auto c = e.rotatedGradients();
     std::array<Vec3, 4> arm;
+    std::array<Vec4, 4> c;
     // sum of K_ij G_j over the attached nodes j, G_j = [I, -[r_j]x]: as K_ij is made of products of gradients, so is
-    // the sum, of the gradients' sum, moment and sum of c_j r_j^T
-    Vec3 sum = Vec3::Zero(), moment = Vec3::Zero();
-    Mat3 spread = Mat3::Zero();
+    // the sum, of the gradients' sum, moment and sum of mu c_j r_j^T
+    Vec4 sum = Vec4::Zero(), moment = Vec4::Zero();
+    std::array<Vec4, 3> spread{Vec4::Zero(), Vec4::Zero(), Vec4::Zero()};
     for (int j = 0; j < 4; ++j) {
+      c[j] = pad(e.rotation * e.gradient[j]);
       if (attached_[e.node[j]] < 0) continue;
       arm[j] = rotation * hd.offsets[attached_[e.node[j]]];
       sum += c[j];
-      moment += arm[j].cross(c[j]);
-      spread += c[j] * arm[j].transpose();
+      moment += pad(arm[j].cross(c[j].head<3>()));
+      for (int k = 0; k < 3; ++k) spread[k] += e.mu * arm[j][k] * c[j];
     }
+    const Vec4 stretched = e.lambda * sum, turned = e.lambda * moment, sheared = e.mu * sum;
     for (int i = 0; i < 4; ++i) {
-      Eigen::Matrix<double, 3, 6> kg;
-      kg.leftCols<3>() = e.lambda * c[i] * sum.transpose() + e.mu * sum * c[i].transpose();
-      kg.leftCols<3>().diagonal().array() += e.mu * c[i].dot(sum);
-      kg.rightCols<3>() =
-          e.lambda * c[i] * moment.transpose() + e.mu * (spread * skew(c[i]) - skew(spread.transpose() * c[i]));
-      if (row_[e.node[i]] >= 0) {
-        a_th_.middleRows<3>(3 * row_[e.node[i]]) += c_ * kg;
+      const Vec4& ci = c[i];
+      const double shear = ci.dot(sheared);
+      const Vec3 q(spread[0].dot(ci), spread[1].dot(ci), spread[2].dot(ci));
+      Eigen::Matrix<double, 4, 6> kg;
+      for (int k = 0; k < 3; ++k) {
+        const int next = (k + 1) % 3, last = (k + 2) % 3;
+        kg.col(k) = stretched[k] * ci + ci[k] * sheared;
+        kg(k, k) += shear;
+        // column k of spread [c]x - [q]x
+        kg.col(3 + k) = turned[k] * ci + ci[last] * spread[next] - ci[next] * spread[last];
+        kg(next, 3 + k) -= q[last];
+        kg(last, 3 + k) += q[next];
+      }
+      const int row = row_[e.node[i]];
+      if (row >= 0) {
+        pulled_.middleCols<6>(6 * row) += kg;
       } else {
-        gkg_.topRows<3>() += kg;
-        gkg_.bottomRows<3>() += skew(arm[i]) * kg;
+        gkg_.topRows<3>() += kg.topRows<3>();
+        gkg_.bottomRows<3>() += skew(arm[i]) * kg.topRows<3>();
       }
     }
   }
+  a_th_.resize(3 * freeNodes(), 6);
+  for (int r = 0; r < freeNodes(); ++r) a_th_.middleRows<3>(3 * r) = c_ * pulled_.block<3, 6>(0, 6 * r);
   rhs_.leftCols(6) = a_th_;
 
   Vec6 wrench = Vec6::Zero();
@@ -451,7 +467,7 @@ void Body::formDelassus(ContactRows& rows) {
     rows.delassus.setZero(count, count);
     // Eigen divides by the number of rows to choose its blocks
     if (half_.rows() > 0) {
-      factor_.trailing().triangularView<Eigen::Lower>().solveInPlace(half_);
+      solveLowerInPlace(factor_.trailing(), half_);
       rows.delassus.selfadjointView<Eigen::Lower>().rankUpdate(half_.transpose());
     }
   }

@@ -211,8 +211,9 @@ class Body {
   std::vector<char> seen_;
   int surplus_steps_ = 0;  // steps in a row in which far too many nodes were ordered last
   MatX a_th_, x_th_, rhs_, solution_, prediction_;
-  BlockColumns columns_;      // J_t^T of contacts, by free rows
-  std::vector<int> changed_;  // own contacts whose columns they are
+  Eigen::Matrix<double, 4, Eigen::Dynamic> pulled_;  // K G by threes of rows, six columns each, fourth entry idle
+  BlockColumns columns_;                             // J_t^T of contacts, by free rows
+  std::vector<int> changed_;                         // own contacts whose columns they are
   MatX half_, response_, image_;
   Mat6 gkg_ = Mat6::Zero(), a_hh_ = Mat6::Zero(), s_inverse_ = Mat6::Zero(), mass0_ = Mat6::Zero();
   Vec6 b_h_ = Vec6::Zero();

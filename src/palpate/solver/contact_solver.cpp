@@ -383,6 +383,7 @@ void ContactSolver::proximal(const ContactProblem& problem, double tolerance, Be
       shifted_free_.segment<3>(3 * i) -= shift * rho_[i] * center_.lambda.segment<3>(3 * i);
     }
     applied = shift;
+    factor_.forget();
     const ContactProblem nearby{shifted, shifted_free_, problem.bias, problem.friction, problem.cone};
     goTo(nearby, center_);
     nearby_ = center_;
@@ -597,6 +598,8 @@ ContactSolverReport ContactSolver::solvePart(const ContactProblem& problem, cons
   const double tolerance = 0.3 * goal;  // room for settling the states
   const double acceptable = std::max(tolerance, 0.3 * settings.acceptable * scale);
   prepare(problem, mean_scale);
+  factor_.forget();
+  may_border_ = true;
   const bool warm = !lambda.isZero(0.0);
   lambda_ = lambda;
   status_.assign(static_cast<std::size_t>(rho_.size()), {});

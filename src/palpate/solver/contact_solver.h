@@ -6,6 +6,7 @@
 
 #include "palpate/math/types.h"
 #include "palpate/solver/contact_interior.h"
+#include "palpate/solver/state_factor.h"
 
 namespace palpate {
 
@@ -44,7 +45,7 @@ struct ContactSolverSettings {
   int max_iterations = 1000;
   /// Bound on the work of a solve, counted in factorizations: 18 m^3 + 2000 m^2 + 2e5 m operations each, m contacts.
   /// Counted, not clocked, so the result stays deterministic. What a hard problem may take; most need far less.
-  double max_work = 60.0;
+  double max_work = 100.0;
   double max_operations =
       std::numeric_limits<double>::infinity();  ///< the same without regard to m; about 1e10 a second
   double tolerance = 1e-10;                     ///< on the residual, relative to the largest velocity in the problem
@@ -100,16 +101,6 @@ class ContactSolver {
                             std::vector<ContactStatus>& status);
 
  private:
-  /// Directions in which a closed contact's impulse is free (b) and rows that hold there (c), as columns; c^T b = 1.
-  struct Free {
-    int contact = 0;
-    int dims = 0;
-    int offset = 0;  ///< first unknown
-    Mat3 b = Mat3::Zero();
-    Mat3 c = Mat3::Zero();
-    double curvature = 0.0;  ///< [1/kg] turning of the friction direction on the exact cone: |w_t| / (mu lambda_n)
-  };
-
   struct Best {
     VecX lambda;
     std::vector<ContactStatus> status;
@@ -156,9 +147,9 @@ class ContactSolver {
   bool newton(const ContactProblem& problem, double tolerance, Work& work);
   void chooseFree(const ContactProblem& problem);
   void setCurvature(const ContactProblem& problem);
-  bool factorize(const ContactProblem& problem, double regularization);
   double freeResidual(const ContactProblem& problem);
   void stepFree(const ContactProblem& problem);
+  bool solveStates(const ContactProblem& problem, double tolerance);
 
   VecX rho_;                              ///< [m] impulse times this compares with velocity [1/kg]
   VecX lambda_, w_;                       ///< [3m] the iterate and its velocity
@@ -169,14 +160,15 @@ class ContactSolver {
   VecX shifted_free_;
   InteriorPoint interior_;
   std::vector<Eigen::Vector2d> corner_, normal_, tangent_;  ///< [facets] of the unit polygon
-  std::vector<Free> free_;                                  ///< closed contacts, sticking ones first
-  int stick_unknowns_ = 0, slip_unknowns_ = 0;
+  std::vector<FreeDirections> free_;                        ///< closed contacts, sticking ones first
+  StateFactor factor_;
+  const double* factored_ = nullptr;  ///< the W that factor_ is of
+  bool may_border_ = true;            ///< until a bordered factor was not good enough for this problem
+  VecX violation_, change_;           ///< [3m] what should vanish where states leave impulses free; a Newton step
+  VecX unmoved_;                      ///< [3m] impulses before it
   // aligned, as Eigen's vectors are: otherwise the heap decides how sums are split, and the last bits with it
   using Buffer = std::vector<double, Eigen::aligned_allocator<double>>;
-  Buffer stick_matrix_, right_, left_, slip_matrix_, column_,
-      shifted_matrix_;  ///< factor of the states' system, by blocks
-  std::vector<int> pivots_;
-  VecX rhs_;
+  Buffer shifted_matrix_;
 
   std::vector<int> order_, part_start_, waiting_;  ///< contacts by part, where each part begins
   std::vector<ContactSolver> parts_;               ///< one for each, so that sizes stay and nothing is allocated

@@ -4,37 +4,146 @@
 #include <cmath>
 #include <utility>
 
+#include "palpate/solver/triangular_solve.h"
+
 namespace palpate {
 
+namespace {
+
+using Matrix = Eigen::Ref<MatX>;
+
+constexpr Eigen::Index kSmall = 48;  // rows up to which calls of matrix products cost more than they save
+constexpr Eigen::Index kLeaf = 8;    // columns that are eliminated one by one
+constexpr Eigen::Index kPanel = 96;  // and those that are halved down to leaves
+
+/// Row exchanges of the pivots [first, end) in the columns [from, to), column by column as they lie in memory.
+void exchangeRows(Matrix& a, const std::vector<int>& pivots, Eigen::Index first, Eigen::Index end, Eigen::Index from,
+                  Eigen::Index to) {
+  for (Eigen::Index j = from; j < to; ++j) {
+    double* column = &a(0, j);
+    for (Eigen::Index k = first; k < end; ++k) std::swap(column[k], column[pivots[static_cast<std::size_t>(k)]]);
+  }
+}
+
+/// a -= factor b, for columns of which few are long.
+void subtract(double* a, const double* b, double factor, Eigen::Index size) {
+  for (Eigen::Index i = 0; i < size; ++i) a[i] -= factor * b[i];
+}
+
+/// In a copy whose columns begin on vectors' borders, with multipliers of zero above the diagonal: all updates are of
+/// whole vectors then.
+bool factorizeSmall(Matrix& a, std::vector<int>& pivots) {
+  constexpr Eigen::Index kVector = 8;
+  using Vector = Eigen::Array<double, kVector, 1>;
+  alignas(64) double copy[kSmall * kSmall], multipliers[kSmall];
+  const Eigen::Index n = a.rows(), blocks = (n + kVector - 1) / kVector, stride = blocks * kVector;
+  for (Eigen::Index j = 0; j < n; ++j) {
+    std::copy(a.col(j).data(), a.col(j).data() + n, copy + j * stride);
+    std::fill(copy + j * stride + n, copy + (j + 1) * stride, 0.0);
+  }
+  std::fill(multipliers, multipliers + stride, 0.0);
+  for (Eigen::Index k = 0; k < n; ++k) {
+    double* column = copy + k * stride;
+    Eigen::Index p = k;
+    double largest = std::abs(column[k]);
+    for (Eigen::Index i = k + 1; i < n; ++i) {
+      const double size = std::abs(column[i]);
+      if (size > largest) {
+        largest = size;
+        p = i;
+      }
+    }
+    pivots[static_cast<std::size_t>(k)] = static_cast<int>(p);
+    if (!(largest > 0.0) || !std::isfinite(column[p])) return false;
+    if (p != k) {
+      for (double* entry = copy; entry < copy + n * stride; entry += stride) std::swap(entry[k], entry[p]);
+    }
+    const double inverse = 1.0 / column[k];
+    multipliers[k] = 0.0;
+    for (Eigen::Index i = k + 1; i < n; ++i) multipliers[i] = column[i] *= inverse;
+    for (Eigen::Index j = k + 1; j < n; ++j) {
+      double* to = copy + j * stride;
+      const double factor = to[k];
+      for (Eigen::Index b = (k + 1) / kVector; b < blocks; ++b) {
+        Eigen::Map<Vector, Eigen::Aligned64>(to + b * kVector) -=
+            factor * Eigen::Map<const Vector, Eigen::Aligned64>(multipliers + b * kVector);
+      }
+    }
+  }
+  for (Eigen::Index j = 0; j < n; ++j) std::copy(copy + j * stride, copy + j * stride + n, a.col(j).data());
+  return true;
+}
+
+/// Rows [first, end) and below of the columns from `end` to `to`, once columns [first, end) are factorized.
+void eliminate(Matrix& a, Eigen::Index first, Eigen::Index end, Eigen::Index to) {
+  const Eigen::Index width = end - first, below = a.rows() - end, right = to - end;
+  solveUnitLowerInPlace(a.block(first, first, width, width), a.block(first, end, width, right));
+  a.block(end, end, below, right).noalias() -= a.block(end, first, below, width) * a.block(first, end, width, right);
+}
+
+/// Factor of the columns [first, end) from row `first` on, by halves; exchanges rows in these columns only.
+bool factorizeColumns(Matrix& a, Eigen::Index first, Eigen::Index end, std::vector<int>& pivots) {
+  const Eigen::Index n = a.rows();
+  if (end - first > kLeaf) {
+    const Eigen::Index middle = first + (end - first) / 2;
+    if (!factorizeColumns(a, first, middle, pivots)) return false;
+    exchangeRows(a, pivots, first, middle, middle, end);
+    eliminate(a, first, middle, end);
+    if (!factorizeColumns(a, middle, end, pivots)) return false;
+    exchangeRows(a, pivots, middle, end, first, middle);
+    return true;
+  }
+  for (Eigen::Index k = first; k < end; ++k) {
+    Eigen::Index p = 0;
+    const double pivot = a.col(k).tail(n - k).cwiseAbs().maxCoeff(&p);
+    p += k;
+    pivots[static_cast<std::size_t>(k)] = static_cast<int>(p);
+    if (!(pivot > 0.0) || !std::isfinite(pivot)) return false;
+    if (p != k) {
+      for (Eigen::Index j = first; j < end; ++j) std::swap(a(k, j), a(p, j));
+    }
+    a.col(k).tail(n - k - 1) /= a(k, k);
+    for (Eigen::Index j = k + 1; j < end; ++j) a.col(j).tail(n - k - 1) -= a(k, j) * a.col(k).tail(n - k - 1);
+  }
+  return true;
+}
+
+}  // namespace
+
 bool luInPlace(Eigen::Ref<MatX> a, std::vector<int>& pivots) {
-  constexpr Eigen::Index panel = 32;
   const Eigen::Index n = a.rows();
   if (pivots.size() < static_cast<std::size_t>(n)) pivots.resize(static_cast<std::size_t>(n));
-  for (Eigen::Index start = 0; start < n; start += panel) {
-    const Eigen::Index width = std::min(panel, n - start);
-    const Eigen::Index end = start + width;
-    for (Eigen::Index k = start; k < end; ++k) {
-      Eigen::Index p = 0;
-      const double pivot = a.col(k).tail(n - k).cwiseAbs().maxCoeff(&p);
-      p += k;
-      pivots[static_cast<std::size_t>(k)] = static_cast<int>(p);
-      if (!(pivot > 0.0) || !std::isfinite(pivot)) return false;
-      if (p != k) a.row(k).swap(a.row(p));
-      a.col(k).tail(n - k - 1) /= a(k, k);
-      for (Eigen::Index j = k + 1; j < end; ++j) a.col(j).tail(n - k - 1) -= a(k, j) * a.col(k).tail(n - k - 1);
-    }
-    const Eigen::Index rest = n - end;
-    if (rest == 0) break;
-    a.block(start, start, width, width)
-        .triangularView<Eigen::UnitLower>()
-        .solveInPlace(a.block(start, end, width, rest));
-    a.block(end, end, rest, rest).noalias() -= a.block(end, start, rest, width) * a.block(start, end, width, rest);
+  if (n <= kSmall) return factorizeSmall(a, pivots);
+  for (Eigen::Index first = 0; first < n; first += kPanel) {
+    const Eigen::Index end = std::min(first + kPanel, n);
+    if (!factorizeColumns(a, first, end, pivots)) return false;
+    exchangeRows(a, pivots, first, end, 0, first);
+    exchangeRows(a, pivots, first, end, end, n);
+    if (end < n) eliminate(a, first, end, n);
   }
   return true;
 }
 
 void luSolve(const Eigen::Ref<const MatX>& lu, const std::vector<int>& pivots, Eigen::Ref<VecX> x) {
-  for (Eigen::Index k = 0; k < x.size(); ++k) std::swap(x[k], x[pivots[static_cast<std::size_t>(k)]]);
+  const Eigen::Index n = x.size();
+  for (Eigen::Index k = 0; k < n; ++k) std::swap(x[k], x[pivots[static_cast<std::size_t>(k)]]);
+  if (n <= kSmall) {
+    for (Eigen::Index k = 0; k < n; ++k) subtract(&x[0] + k + 1, lu.col(k).data() + k + 1, x[k], n - k - 1);
+    for (Eigen::Index k = n; k-- > 0;) {
+      x[k] /= lu(k, k);
+      subtract(&x[0], lu.col(k).data(), x[k], k);
+    }
+    return;
+  }
+  lu.triangularView<Eigen::UnitLower>().solveInPlace(x);
+  lu.triangularView<Eigen::Upper>().solveInPlace(x);
+}
+
+void luSolveColumns(const Eigen::Ref<const MatX>& lu, const std::vector<int>& pivots, Eigen::Ref<MatX> x) {
+  for (Eigen::Index j = 0; j < x.cols(); ++j) {
+    auto column = x.col(j);
+    for (Eigen::Index k = 0; k < x.rows(); ++k) std::swap(column[k], column[pivots[static_cast<std::size_t>(k)]]);
+  }
   lu.triangularView<Eigen::UnitLower>().solveInPlace(x);
   lu.triangularView<Eigen::Upper>().solveInPlace(x);
 }

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <numeric>
 
+#include "palpate/solver/triangular_solve.h"
+
 namespace palpate {
 namespace {
 
@@ -149,7 +151,7 @@ void PanelGram::compute(const PanelFactor& panels, const double* values, const s
     double* front_data = makeFront(panels, s, columns, position);
     Map front(front_data, own + below, width);
     const ConstStrided l(values + panel.value, own + below, own, Eigen::OuterStride<>(panel.stride));
-    l.topRows(own).triangularView<Eigen::Lower>().solveInPlace(front.topRows(own));
+    solveLowerInPlace(l.topRows(own), front.topRows(own));
     if (below > 0) front.bottomRows(below).noalias() -= l.bottomRows(below) * front.topRows(own);
     addProducts(front.topRows(own), reach_[s]);
     if (below == 0) continue;
