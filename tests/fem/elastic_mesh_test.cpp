@@ -161,6 +161,37 @@ TEST(ElasticMesh, RigidMotionGivesNoForceAndNoEnergy) {
   }
 }
 
+// What energyAt() keeps is used where it holds, and nowhere else.
+TEST(ElasticMesh, ForcesFoundAheadAreThoseFoundAnew) {
+  const SimulationMesh mesh = smallBar();
+  ElasticMesh ahead(mesh, {}), fresh(mesh, {});
+  std::mt19937 random(8);
+  std::normal_distribution<double> normal;
+  const VecX rest = restPositions(mesh);
+  const auto bent = [&] { return VecX(rest + VecX::NullaryExpr(rest.size(), [&] { return 0.002 * normal(random); })); };
+  const auto expectSame = [&](const VecX& x) {
+    VecX f, expected;
+    ahead.forces(x, f);
+    fresh.forces(x, expected);
+    EXPECT_EQ(f, expected);
+  };
+  const VecX x = bent(), other = bent();
+  ahead.energyAt(x);
+  expectSame(x);  // the rotations in use are still those of rest
+  ahead.updateRotations(x);
+  fresh.updateRotations(x);
+  expectSame(x);
+  expectSame(other);
+  ahead.energyAt(other);
+  expectSame(x);
+  ahead.updateRotations(other);
+  fresh.updateRotations(other);
+  expectSame(other);
+  ahead.scaleStiffness(2.0);
+  fresh.scaleStiffness(2.0);
+  expectSame(other);
+}
+
 // Patch test: x = R S X with S symmetric gives each element the same stress, so interior nodes feel no force and a
 // face's nodes sum to stress times area.
 TEST(ElasticMesh, PatchTestGivesConstantStress) {

@@ -53,12 +53,23 @@ ElasticElement makeElement(const SimulationMesh& mesh, int index, const ElementM
   return e;
 }
 
-double elementEnergy(const ElasticElement& e, const Mat3& rotation, const Mat3& f) {
-  const Mat3 g = rotation.transpose() * f;
-  const Mat3 strain = 0.5 * (g + g.transpose()) - Mat3::Identity();
+// Not inlined, so that forces found ahead are those found anew to the last bit, wherever the compiler contracts.
+[[gnu::noinline]] Mat3 gradientOf(const ElasticElement& e, const VecX& x) { return e.deformationGradient(x); }
+
+/// Returns the element's energy and adds its forces to `f`.
+[[gnu::noinline]] double addElement(const ElasticElement& e, const Mat3& rotation, const Mat3& gradient, VecX& f) {
+  const Mat3 g = rotation.transpose() * gradient;
+  Mat3 strain = 0.5 * (g + g.transpose());
+  strain.diagonal().array() -= 1.0;
   const double trace = strain.trace();
+  Mat3 stress = 2.0 * e.mu * strain;
+  stress.diagonal().array() += e.lambda * trace;
+  const Mat3 p = rotation * stress;
+  for (int k = 0; k < 4; ++k) f.segment<3>(3 * e.node[k]) -= p * e.gradient[k];
   return e.mu * strain.squaredNorm() + 0.5 * e.lambda * trace * trace;
 }
+
+bool same(const VecX& a, const VecX& b) { return a.size() == b.size() && a == b; }
 
 }  // namespace
 
@@ -98,12 +109,14 @@ ElasticMesh::ElasticMesh(const SimulationMesh& mesh, const Material& material,
 }
 
 void ElasticMesh::updateRotations(const VecX& x) {
-  if (ahead_x_.size() == x.size() && ahead_x_ == x) {
+  if (same(ahead_x_, x)) {
     setRotations(ahead_);
+    forces_x_ = x;
     return;
   }
   ahead_x_.resize(0);
-  for (ElasticElement& e : elements_) e.rotation = polarRotation(e.deformationGradient(x), e.rotation);
+  forces_x_.resize(0);
+  for (ElasticElement& e : elements_) e.rotation = polarRotation(gradientOf(e, x), e.rotation);
 }
 
 void ElasticMesh::scaleStiffness(double factor) {
@@ -111,38 +124,42 @@ void ElasticMesh::scaleStiffness(double factor) {
     e.lambda *= factor;
     e.mu *= factor;
   }
+  ahead_x_.resize(0);
+  forces_x_.resize(0);
 }
 
 void ElasticMesh::setRotations(const std::vector<Mat3>& rotations) {
   for (std::size_t i = 0; i < elements_.size(); ++i) elements_[i].rotation = rotations[i];
   ahead_x_.resize(0);
+  forces_x_.resize(0);
 }
 
 void ElasticMesh::forces(const VecX& x, VecX& f) const {
-  f.setZero(3 * nodes());
-  for (const ElasticElement& e : elements_) {
-    const Mat3 g = e.rotation.transpose() * e.deformationGradient(x);
-    Mat3 stress = e.mu * (g + g.transpose());
-    stress.diagonal().array() += e.lambda * (g.trace() - 3.0) - 2.0 * e.mu;
-    const Mat3 p = e.rotation * stress;
-    for (int k = 0; k < 4; ++k) f.segment<3>(3 * e.node[k]) -= p * e.gradient[k];
+  if (same(forces_x_, x)) {
+    f = ahead_forces_;
+    return;
   }
+  f.setZero(3 * nodes());
+  for (const ElasticElement& e : elements_) addElement(e, e.rotation, gradientOf(e, x), f);
 }
 
 double ElasticMesh::energy(const VecX& x) const {
   double sum = 0;
-  for (const ElasticElement& e : elements_) sum += elementEnergy(e, e.rotation, e.deformationGradient(x));
+  VecX unused = VecX::Zero(3 * nodes());
+  for (const ElasticElement& e : elements_) sum += addElement(e, e.rotation, gradientOf(e, x), unused);
   return sum;
 }
 
 double ElasticMesh::energyAt(const VecX& x) {
   double sum = 0;
   ahead_.resize(elements_.size());
+  ahead_forces_.setZero(3 * nodes());
+  forces_x_.resize(0);
   for (std::size_t i = 0; i < elements_.size(); ++i) {
     const ElasticElement& e = elements_[i];
-    const Mat3 f = e.deformationGradient(x);
-    ahead_[i] = polarRotation(f, e.rotation);
-    sum += elementEnergy(e, ahead_[i], f);
+    const Mat3 gradient = gradientOf(e, x);
+    ahead_[i] = polarRotation(gradient, e.rotation);
+    sum += addElement(e, ahead_[i], gradient, ahead_forces_);
   }
   ahead_x_ = x;
   return sum;

@@ -80,8 +80,8 @@ class ElasticMesh {
   void forces(const VecX& x, VecX& f) const;
   /// Elastic energy at x with the present rotations [J]; its gradient is -forces once the rotations are those of x.
   double energy(const VecX& x) const;
-  /// Elastic energy at x with the rotations of x [J]. Those in use stay; the new ones are kept for the case that the
-  /// next updateRotations() is for the same x, as it is when x is the end of a step.
+  /// Elastic energy at x with the rotations of x [J]. Those in use stay; the new ones and their forces are kept for the
+  /// case that the next updateRotations() and forces() are for the same x, as they are when x is the end of a step.
   double energyAt(const VecX& x);
 
   /// Prepares assemble(): the pattern of the nodes with row[node] >= 0, which must number 0..n-1.
@@ -96,7 +96,9 @@ class ElasticMesh {
   };
   Material material_;
   std::vector<Mat3> ahead_;  // rotations that energyAt() found
+  VecX ahead_forces_;        // and forces with them
   VecX ahead_x_;             // for these positions; empty: none
+  VecX forces_x_;            // the same once the rotations are in use
   VecX mass_;
   std::vector<ElasticElement> elements_;
   std::vector<std::array<PairSlot, 10>> slots_;      // an element
