@@ -29,7 +29,7 @@ Mat3 turned(const Mat3& r, const Vec3& w) {
 
 Mat3 polarRotation(const Mat3& f, const Mat3& guess) {
   constexpr int kMaxIterations = 10;
-  constexpr double kSmallRotation = 1e-6;  // the error after a Newton step is of the order of its cube
+  constexpr double kSmallRotation = 1e-5;  // the error after a Newton step is of the order of its cube
   Mat3 r = guess;
   for (int i = 0; i < kMaxIterations; ++i) {
     const Mat3 g = r.transpose() * f;
