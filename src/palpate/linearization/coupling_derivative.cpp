@@ -12,7 +12,6 @@ namespace {
 /// One boundary tetrahedron at the end of the step, seen by its four nodes.
 struct BoundaryElement {
   const ElasticElement* element;
-  std::array<Vec3, 4> c;         // rotated gradients
   std::array<int, 4> attached;   // index in the handle, -1
   std::array<Vec3, 4> velocity;  // end of step
   std::array<Vec3, 4> lever;     // R r of attached nodes
