@@ -7,6 +7,7 @@
 #include <stdexcept>
 #include <utility>
 
+#include "palpate/solver/aligned_buffer.h"
 #include "palpate/solver/single_contact.h"
 
 namespace palpate {
@@ -77,10 +78,6 @@ Vec2 nearestInCone(const Vec2& p, double radius, const FrictionCone& cone) {
     }
   }
   return inside ? p : nearest;
-}
-
-void grow(std::vector<double, Eigen::aligned_allocator<double>>& buffer, Eigen::Index size) {
-  if (buffer.size() < static_cast<std::size_t>(size)) buffer.resize(static_cast<std::size_t>(size));
 }
 
 /// rho of contact i: the impulses of a contact times rho compare with its velocities.

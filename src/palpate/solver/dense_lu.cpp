@@ -140,10 +140,7 @@ void luSolve(const Eigen::Ref<const MatX>& lu, const std::vector<int>& pivots, E
 }
 
 void luSolveColumns(const Eigen::Ref<const MatX>& lu, const std::vector<int>& pivots, Eigen::Ref<MatX> x) {
-  for (Eigen::Index j = 0; j < x.cols(); ++j) {
-    auto column = x.col(j);
-    for (Eigen::Index k = 0; k < x.rows(); ++k) std::swap(column[k], column[pivots[static_cast<std::size_t>(k)]]);
-  }
+  exchangeRows(x, pivots, 0, x.rows(), 0, x.cols());
   lu.triangularView<Eigen::UnitLower>().solveInPlace(x);
   lu.triangularView<Eigen::Upper>().solveInPlace(x);
 }

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "palpate/solver/aligned_buffer.h"
 #include "palpate/solver/dense_lu.h"
 #include "palpate/solver/triangular_solve.h"
 
@@ -20,9 +21,14 @@ constexpr double kWorthBordering = 0.5;  // of a factorization's operations
 constexpr double kSameDirection = 1e-10;
 const FreeDirections kOpen;
 
-template <typename Buffer>
-void grow(Buffer& buffer, Eigen::Index size) {
-  if (buffer.size() < static_cast<std::size_t>(size)) buffer.resize(static_cast<std::size_t>(size));
+struct Unknowns {
+  Eigen::Index stick = 0, slip = 0;
+};
+
+Unknowns count(const std::vector<FreeDirections>& free) {
+  Unknowns n;
+  for (const FreeDirections& f : free) (f.dims == 3 ? n.stick : n.slip) += f.dims;
+  return n;
 }
 
 /// Orthonormal columns.
@@ -72,7 +78,8 @@ void whereContactsAre(const std::vector<FreeDirections>& free, std::vector<int>&
   for (std::size_t i = 0; i < free.size(); ++i) at[static_cast<std::size_t>(free[i].contact)] = static_cast<int>(i);
 }
 
-double factorCost(double stick, double slip, double rows) {
+double factorCost(const Unknowns& n, double rows) {
+  const double stick = static_cast<double>(n.stick), slip = static_cast<double>(n.slip);
   return stick * stick * stick / 3.0 + 2.0 * stick * slip * slip + 2.0 * stick * stick * slip +
          2.0 / 3.0 * slip * slip * slip + 2.0 * slip * rows;
 }
@@ -92,12 +99,11 @@ bool StateFactor::prepare(const Matrix& delassus, const VecX& rho, const std::ve
   }
   border_ = 0;
   unknowns_ = -1;
-  double stick = 0.0, slip = 0.0;
-  for (const FreeDirections& f : free) (f.dims == 3 ? stick : slip) += f.dims;
+  const Unknowns n = count(free);
   for (double regularization = kFirstRegularization; regularization < 1.0; regularization *= 100.0) {
-    operations_ += factorCost(stick, slip, static_cast<double>(delassus.rows()));
+    operations_ += factorCost(n, static_cast<double>(delassus.rows()));
     if (!factorize(delassus, rho, free, regularization)) continue;
-    unknowns_ = static_cast<int>(stick + slip);
+    unknowns_ = static_cast<int>(n.stick + n.slip);
     regularization_ = regularization;
     if (unknowns_ >= kLeastUnknowns) {
       base_ = free;
@@ -114,8 +120,7 @@ bool StateFactor::prepare(const Matrix& delassus, const VecX& rho, const std::ve
 bool StateFactor::factorize(const Matrix& delassus, const VecX& rho, const std::vector<FreeDirections>& free,
                             double regularization) {
   const Eigen::Index rows = delassus.rows();
-  Eigen::Index ns = 0, nv = 0;
-  for (const FreeDirections& f : free) (f.dims == 3 ? ns : nv) += f.dims;
+  const auto [ns, nv] = count(free);
   stick_unknowns_ = static_cast<int>(ns);
   blocks_ = ns + nv > kSmall;
   if (!blocks_) return factorizeWhole(delassus, rho, free, regularization);
@@ -176,8 +181,8 @@ bool StateFactor::factorize(const Matrix& delassus, const VecX& rho, const std::
 bool StateFactor::factorizeWhole(const Matrix& delassus, const VecX& rho, const std::vector<FreeDirections>& free,
                                  double regularization) {
   const Eigen::Index rows = delassus.rows();
-  Eigen::Index n = 0;
-  for (const FreeDirections& f : free) n += f.dims;
+  const Unknowns unknowns = count(free);
+  const Eigen::Index n = unknowns.stick + unknowns.slip;
   grow(slip_matrix_, n * n);
   grow(column_, rows);
   MapX whole(slip_matrix_.data(), n, n);
@@ -225,10 +230,8 @@ bool StateFactor::compare(const std::vector<FreeDirections>& free) {
   impulses_.clear();
   velocities_.clear();
   whereContactsAre(free, free_at_);
-  double stick = 0.0, slip = 0.0;
-  for (const FreeDirections& f : free) (f.dims == 3 ? stick : slip) += f.dims;
   const double n = unknowns_;
-  const double dear = kWorthBordering * factorCost(stick, slip, 3.0 * static_cast<double>(base_at_.size()));
+  const double dear = kWorthBordering * factorCost(count(free), 3.0 * static_cast<double>(base_at_.size()));
   for (std::size_t i = 0; i < base_at_.size(); ++i) {
     const int was = base_at_[i], is = free_at_[i];
     if (was < 0 && is < 0) continue;
@@ -259,44 +262,33 @@ bool StateFactor::formBorder(const Matrix& delassus, const VecX& rho) {
   grow(border_rows_, n * k);
   grow(schur_, k * k);
   grow(border_rhs_, k);
-  grow(column_, 2 * rows);
+  grow(column_, rows);
   MapX columns(border_columns_.data(), n, k), held(border_rows_.data(), n, k), schur(schur_.data(), k, k);
   Eigen::Map<VecX> moved(column_.data(), rows);
-  const auto response = [&](const Direction& d) {  // of all contacts, regularized
-    moved = delassus.middleCols<3>(3 * d.contact).lazyProduct(d.along);
-    moved.segment<3>(3 * d.contact) += regularization_ * rho[d.contact] * d.along;
+  // Column i of `out`: what base_'s directions (c or b) see of a gained direction's response, regularized, which is
+  // left in `moved`; of a lost one itself.
+  const auto fill = [&](MapX& out, Eigen::Index i, const Direction& of, const Mat3 FreeDirections::*directions) {
+    if (of.base >= 0) {
+      const FreeDirections& f = base_[static_cast<std::size_t>(of.base)];
+      out.col(i).setZero();
+      out.col(i).segment(row(f), f.dims) = (f.*directions).leftCols(f.dims).transpose() * of.along;
+      return;
+    }
+    moved = delassus.middleCols<3>(3 * of.contact).lazyProduct(of.along);
+    moved.segment<3>(3 * of.contact) += regularization_ * rho[of.contact] * of.along;
+    for (const FreeDirections& f : base_) {
+      const Vec3 w = moved.segment<3>(3 * f.contact);
+      for (int d = 0; d < f.dims; ++d) out(row(f) + d, i) = (f.*directions).col(d).dot(w);
+    }
   };
-  for (Eigen::Index j = 0; j < k; ++j) {
-    const Direction& impulse = impulses_[static_cast<std::size_t>(j)];
-    if (impulse.base >= 0) {  // a velocity let go
-      const FreeDirections& f = base_[static_cast<std::size_t>(impulse.base)];
-      columns.col(j).setZero();
-      schur.col(j).setZero();
-      columns.col(j).segment(row(f), f.dims) = f.c.leftCols(f.dims).transpose() * impulse.along;
-      continue;
-    }
-    response(impulse);
-    for (const FreeDirections& f : base_) {
-      const Vec3 w = moved.segment<3>(3 * f.contact);
-      for (int d = 0; d < f.dims; ++d) columns(row(f) + d, j) = f.c.col(d).dot(w);
-    }
-    for (Eigen::Index i = 0; i < k; ++i) {
-      const Direction& velocity = velocities_[static_cast<std::size_t>(i)];
-      schur(i, j) = velocity.base >= 0 ? 0.0 : velocity.along.dot(moved.segment<3>(3 * velocity.contact));
-    }
-  }
   for (Eigen::Index i = 0; i < k; ++i) {
-    const Direction& velocity = velocities_[static_cast<std::size_t>(i)];
-    if (velocity.base >= 0) {  // an impulse held at zero
-      const FreeDirections& f = base_[static_cast<std::size_t>(velocity.base)];
-      held.col(i).setZero();
-      held.col(i).segment(row(f), f.dims) = f.b.leftCols(f.dims).transpose() * velocity.along;
-      continue;
-    }
-    response(velocity);
-    for (const FreeDirections& f : base_) {
-      const Vec3 w = moved.segment<3>(3 * f.contact);
-      for (int d = 0; d < f.dims; ++d) held(row(f) + d, i) = f.b.col(d).dot(w);
+    fill(held, i, velocities_[static_cast<std::size_t>(i)], &FreeDirections::b);
+    const Direction& impulse = impulses_[static_cast<std::size_t>(i)];
+    fill(columns, i, impulse, &FreeDirections::c);
+    for (Eigen::Index v = 0; v < k; ++v) {
+      const Direction& velocity = velocities_[static_cast<std::size_t>(v)];
+      const bool gained = impulse.base < 0 && velocity.base < 0;
+      schur(v, i) = gained ? velocity.along.dot(moved.segment<3>(3 * velocity.contact)) : 0.0;
     }
   }
   solveBase(columns);
