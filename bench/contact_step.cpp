@@ -16,6 +16,7 @@
 #include "palpate/mesh/surface_measures.h"
 #include "palpate/session/statistics.h"
 #include "palpate/simulation/world.h"
+#include "threads.h"
 
 namespace palpate {
 namespace {
@@ -126,6 +127,7 @@ SimulationMesh softBall(int triangles) {
 // Two soft balls without weight, one held by its top and pressed on the other and rubbed round; the other is held by
 // its bottom, by a handle too heavy to move.
 void stepAgainstTriangles(benchmark::State& state) {
+  const ExecutorScope threads(&benchTeam());
   const SimulationMesh mesh = softBall(static_cast<int>(state.range(0)));
   World world;
   world.gravity.setZero();
@@ -177,6 +179,7 @@ void stepAgainstTriangles(benchmark::State& state) {
 // n^2 vertices of the plate that are over the block are contacts; along the block's outline come about 3 n more.
 // Argument: contacts wanted.
 void stepAgainstContacts(benchmark::State& state) {
+  const ExecutorScope threads(&benchTeam());
   constexpr int kCells = 24;
   constexpr double kCell = 0.005;
   const auto side = static_cast<int>(std::lround(std::sqrt(static_cast<double>(state.range(0)) + 2.25) - 1.5));
@@ -207,6 +210,7 @@ void stepAgainstContacts(benchmark::State& state) {
 // Soft blocks of 48 tetrahedra side by side that slide down an incline, nine vertices of each on it: contacts that have
 // nothing to do with each other, but for blocks' own. Argument: contacts wanted.
 void stepAgainstBodies(benchmark::State& state) {
+  const ExecutorScope threads(&benchTeam());
   constexpr double kSide = 0.04;
   const int blocks = static_cast<int>(state.range(0)) / 10;
   World world;

@@ -14,6 +14,7 @@
 #include "palpate/scene/reader.h"
 #include "palpate/session/lockstep.h"
 #include "palpate/session/statistics.h"
+#include "threads.h"
 
 namespace palpate {
 namespace {
@@ -49,6 +50,7 @@ SceneConfig configOf(const Case& c) {
 // One iteration is one visual step of the scene's motion in which contacts carry force; the scene starts over at its
 // end.
 void visualStepInContact(benchmark::State& state, const Case& c) {
+  const ExecutorScope threads(&benchTeam());
   const SceneConfig config = configOf(c);
   const RunTiming timing = timingOf(config);
   BuiltScene scene = buildScene(config);

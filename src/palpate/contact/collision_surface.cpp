@@ -298,14 +298,10 @@ void CollisionSurface::makeNodeBox(int node) const {
   }
 }
 
-std::span<const MovingBox> CollisionSurface::triangleBoxes(int cluster) const {
+void CollisionSurface::makeTriangleBoxes(int cluster) const {
   const auto c = static_cast<size_t>(cluster);
   const auto first = static_cast<size_t>(cluster_offset_[c]), last = static_cast<size_t>(cluster_offset_[c + 1]);
-  if (boxes_made_at_[c] != refits_) {
-    boxes_made_at_[c] = refits_;
-    for (size_t i = first; i < last; ++i) triangle_boxes_[i] = boxOf(triangles_[static_cast<size_t>(order_[i])]);
-  }
-  return {triangle_boxes_.data() + first, last - first};
+  for (size_t i = first; i < last; ++i) triangle_boxes_[i] = boxOf(triangles_[static_cast<size_t>(order_[i])]);
 }
 
 }  // namespace palpate

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <limits>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "palpate/math/types.h"
@@ -56,7 +57,8 @@ inline double relativeMotion(const MotionBounds& a, const MotionBounds& b) {
 }
 
 /// Triangle surface prepared for collision: topology and a tree of boxes, both fixed, over vertices that move from
-/// `start` to `end` in a step. Not for use by several threads at once (boxes are made when asked for).
+/// `start` to `end` in a step. Not for use by several threads at once, as boxes are made when
+/// asked for; once they are made, any number may read them.
 class CollisionSurface {
  public:
   CollisionSurface() = default;
@@ -152,7 +154,18 @@ class CollisionSurface {
             static_cast<size_t>(cluster_vertex_offset_[c + 1] - cluster_vertex_offset_[c])};
   }
   /// In the order of trianglesOfCluster().
-  std::span<const MovingBox> triangleBoxes(int cluster) const;
+  std::span<const MovingBox> triangleBoxes(int cluster) const {
+    if (claimTriangleBoxes(cluster)) makeTriangleBoxes(cluster);
+    const auto c = static_cast<size_t>(cluster);
+    return {triangle_boxes_.data() + cluster_offset_[c],
+            static_cast<size_t>(cluster_offset_[c + 1] - cluster_offset_[c])};
+  }
+  /// True once after each refit(): the caller then makes the boxes before anyone asks for them. Different clusters' may
+  /// be made at the same time.
+  bool claimTriangleBoxes(int cluster) const {
+    return std::exchange(boxes_made_at_[static_cast<size_t>(cluster)], refits_) != refits_;
+  }
+  void makeTriangleBoxes(int cluster) const;
   /// Mean size of the clusters' boxes in the rest shape [m].
   double clusterSize() const { return cluster_size_; }
 

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 
+#include "palpate/common/parallel.h"
 #include "palpate/contact/feature_distance.h"
 #include "palpate/mesh/surface_measures.h"
 
@@ -218,13 +219,17 @@ void SurfaceContacts::place(const Item& item, const VecX& x, Put put) {
   const Eigen::Index n = x.size() / 3;
   nodes_.resize(static_cast<std::size_t>(n));
   for (Eigen::Index i = 0; i < n; ++i) nodes_[i] << x.segment<3>(3 * i), 0.0;
-  for (std::size_t v = 0; v < item.nodes.size(); ++v) {
-    const auto& node = item.nodes[v];
-    const auto& weight = item.weights[v];
-    const Eigen::Vector4d p = weight[0] * nodes_[node[0]] + weight[1] * nodes_[node[1]] + weight[2] * nodes_[node[2]] +
-                              weight[3] * nodes_[node[3]];
-    put(static_cast<int>(v), p);
-  }
+  constexpr int kLeast = 512, kMostParts = 32;
+  const int count = static_cast<int>(item.nodes.size()), parts = std::min(1 + count / kLeast, kMostParts);
+  parallelFor(parts, [&](int part) {
+    for (int v = partBegin(part, parts, count); v < partBegin(part + 1, parts, count); ++v) {
+      const auto& node = item.nodes[v];
+      const auto& weight = item.weights[v];
+      const Eigen::Vector4d p = weight[0] * nodes_[node[0]] + weight[1] * nodes_[node[1]] +
+                                weight[2] * nodes_[node[2]] + weight[3] * nodes_[node[3]];
+      put(v, p);
+    }
+  });
 }
 
 // The ends of a few vertices, ahead of the others.

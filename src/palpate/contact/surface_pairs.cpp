@@ -6,6 +6,7 @@
 #include <tuple>
 
 #include "palpate/common/error.h"
+#include "palpate/common/parallel.h"
 #include "palpate/contact/feature_distance.h"
 
 namespace palpate {
@@ -186,7 +187,7 @@ struct SurfacePairFinder::Search {
   const CollisionSurface& b;
   const SelfExclusion* exclusion;  // of a search within one surface
   double reach;
-  std::vector<FeaturePair>& out;
+  std::vector<FeaturePair>* out;
 
   PairFront* front = nullptr;
   double relative = 0;       // bound of how far vertices move relative to each other [m]
@@ -231,7 +232,7 @@ struct SurfacePairFinder::Search {
   }
   void report(FeaturePair& pair) {
     if (pair.hit) first_hit = std::min(first_hit, pair.toi);
-    out.push_back(pair);
+    out->push_back(pair);
   }
 };
 
@@ -273,7 +274,7 @@ bool SurfacePairFinder::Search::meetInTime(const MovingBox& p, const MovingBox& 
 void SurfacePairFinder::find(const CollisionSurface& a, const CollisionSurface& b, double reach,
                              std::vector<FeaturePair>& out, PairFront* front) {
   if (a.nodes().empty() || b.nodes().empty()) return;
-  Search s{a, b, nullptr, reach, out};
+  Search s{a, b, nullptr, reach, &out};
   s.front = front;
   search(s);
 }
@@ -281,7 +282,7 @@ void SurfacePairFinder::find(const CollisionSurface& a, const CollisionSurface& 
 void SurfacePairFinder::findSelf(const CollisionSurface& a, const SelfExclusion& exclusion, double reach,
                                  std::vector<FeaturePair>& out, PairFront* front) {
   if (a.nodes().empty()) return;
-  Search s{a, a, &exclusion, reach, out};
+  Search s{a, a, &exclusion, reach, &out};
   s.front = front;
   search(s);
 }
@@ -289,7 +290,7 @@ void SurfacePairFinder::findSelf(const CollisionSurface& a, const SelfExclusion&
 void SurfacePairFinder::search(Search& s) {
   const double extent = std::max(s.a.bounds().extent, s.b.bounds().extent);
   s.box_reach = static_cast<float>(s.reach * (1 + 1e-6)) + 1e-6f * static_cast<float>(extent);
-  const size_t begin = s.out.size();
+  const size_t begin = s.out->size();
   s.relative = relativeMotion(s.a.bounds(), s.b.bounds());
   const double size = std::max(1e-9, 0.5 * (s.a.clusterSize() + s.b.clusterSize()));
   const double ratio = s.relative / (size + s.reach);
@@ -298,19 +299,22 @@ void SurfacePairFinder::search(Search& s) {
       std::isfinite(ratio)
           ? static_cast<int>(std::clamp(std::ceil(0.5 * ratio), 1.0, static_cast<double>(settings_.max_pieces)))
           : 1;
+  meeting_.clear();
   if (s.front != nullptr && pieces == 1) {
     continueFrom(*s.front, s);
+    testMeeting(s);
   } else {
     s.front = nullptr;
     for (int i = 0; i < pieces; ++i) {
       s.from = static_cast<double>(i) / pieces;
       s.to = static_cast<double>(i + 1) / pieces;
       descendFromRoots(s);
+      testMeeting(s);
       if (s.first_hit <= s.to) break;
     }
   }
   // each pair of features comes once
-  std::sort(s.out.begin() + static_cast<std::ptrdiff_t>(begin), s.out.end(),
+  std::sort(s.out->begin() + static_cast<std::ptrdiff_t>(begin), s.out->end(),
             [](const FeaturePair& p, const FeaturePair& q) {
               return std::tuple(p.kind, p.first_feature, p.second_feature) <
                      std::tuple(q.kind, q.first_feature, q.second_feature);
@@ -322,7 +326,7 @@ void SurfacePairFinder::continueFrom(PairFront& front, Search& s) {
     front.forget();
     front.reach_ = s.reach;
     descendFromRoots(s);
-    front.roots_size_ = front.pairs_.size() + 1;
+    front.roots_size_ = front.pairs_.size() + meeting_.size() + 1;
     return;
   }
   const double now = front.odometer_ + s.relative;
@@ -368,7 +372,7 @@ void SurfacePairFinder::descend(Search& s, NodePair root) {
   }
 }
 
-// Tests clusters that meet, and leaves what need not be opened to the front. Returns whether it must.
+// Notes clusters that meet, and leaves what need not be opened to the front. Returns whether it must.
 bool SurfacePairFinder::visit(Search& s, NodePair p) {
   const auto &na = s.a.nodes()[static_cast<size_t>(p.a)], &nb = s.b.nodes()[static_cast<size_t>(p.b)];
   const bool leaves = na.right < 0 && nb.right < 0;
@@ -381,15 +385,64 @@ bool SurfacePairFinder::visit(Search& s, NodePair p) {
     return false;
   }
   if (!leaves) return true;
-  testClusters(s, p);
-  if (s.front != nullptr) {
-    const double until = s.front->odometer_ + static_cast<double>(s.clearance - s.box_reach);
-    s.front->add(p, s.clearance > s.box_reach ? until : PairFront::kAlways);
-  }
+  meeting_.push_back({p, 0});
   return false;
 }
 
-void SurfacePairFinder::testClusters(Search& s, NodePair leaves) {
+// Tests the clusters that meet, and leaves them to the front.
+void SurfacePairFinder::testMeeting(Search& s) {
+  constexpr int kMostParts = 64, kBoxParts = 8;
+  const int count = static_cast<int>(meeting_.size());
+  const auto cluster = [](const CollisionSurface& surface, int node) {
+    return surface.nodes()[static_cast<size_t>(node)].cluster;
+  };
+  boxless_a_.clear();
+  boxless_b_.clear();
+  for (const Meeting& m : meeting_) {
+    const int ca = cluster(s.a, m.leaves.a), cb = cluster(s.b, m.leaves.b);
+    if (s.a.claimTriangleBoxes(ca)) boxless_a_.push_back(ca);
+    if (s.b.claimTriangleBoxes(cb)) boxless_b_.push_back(cb);
+  }
+  const int size_a = static_cast<int>(boxless_a_.size()), boxless = size_a + static_cast<int>(boxless_b_.size());
+  const int box_parts = std::min(boxless, kBoxParts);
+  parallelFor(box_parts, [&](int part) {
+    for (int i = partBegin(part, box_parts, boxless); i < partBegin(part + 1, box_parts, boxless); ++i) {
+      if (i < size_a) {
+        s.a.makeTriangleBoxes(boxless_a_[static_cast<size_t>(i)]);
+      } else {
+        s.b.makeTriangleBoxes(boxless_b_[static_cast<size_t>(i - size_a)]);
+      }
+    }
+  });
+  const int parts = std::min(count, kMostParts);
+  if (workspace_.size() < static_cast<size_t>(parts)) workspace_.resize(static_cast<size_t>(parts));
+  parallelFor(parts, [&](int part) {
+    Workspace& workspace = workspace_[static_cast<size_t>(part)];
+    workspace.found.clear();
+    Search own = s;
+    own.out = &workspace.found;
+    for (int i = partBegin(part, parts, count); i < partBegin(part + 1, parts, count); ++i) {
+      Meeting& m = meeting_[static_cast<size_t>(i)];
+      testClusters(own, m.leaves, workspace);
+      m.clearance = own.clearance;
+    }
+    workspace.first_hit = own.first_hit;
+  });
+  for (int part = 0; part < parts; ++part) {
+    const Workspace& workspace = workspace_[static_cast<size_t>(part)];
+    s.out->insert(s.out->end(), workspace.found.begin(), workspace.found.end());
+    s.first_hit = std::min(s.first_hit, workspace.first_hit);
+  }
+  if (s.front != nullptr) {
+    for (const Meeting& m : meeting_) {
+      const double until = s.front->odometer_ + static_cast<double>(m.clearance - s.box_reach);
+      s.front->add(m.leaves, m.clearance > s.box_reach ? until : PairFront::kAlways);
+    }
+  }
+  meeting_.clear();
+}
+
+void SurfacePairFinder::testClusters(Search& s, NodePair leaves, Workspace& workspace) {
   const int ca = s.a.nodes()[static_cast<size_t>(leaves.a)].cluster;
   const int cb = s.b.nodes()[static_cast<size_t>(leaves.b)].cluster;
   const auto gather = [&s](const CollisionSurface& surface, int cluster, const MovingBox& other,
@@ -410,11 +463,11 @@ void SurfacePairFinder::testClusters(Search& s, NodePair leaves) {
   s.may_exclude = s.self() && s.exclusion->touchesClusters(ca, cb);
   s.clearance = std::numeric_limits<float>::infinity();
   MovingBox around_a, around_b;
-  gather(s.a, ca, s.b.nodeBox(leaves.b), local_a_, around_a);
-  if (local_a_.empty()) return;
-  gather(s.b, cb, same ? s.b.nodeBox(leaves.b) : around_a, local_b_, around_b);
-  for (const Local& p : local_a_)
-    for (const Local& q : local_b_)
+  gather(s.a, ca, s.b.nodeBox(leaves.b), workspace.a, around_a);
+  if (workspace.a.empty()) return;
+  gather(s.b, cb, same ? s.b.nodeBox(leaves.b) : around_a, workspace.b, around_b);
+  for (const Local& p : workspace.a)
+    for (const Local& q : workspace.b)
       if ((!same || p.triangle < q.triangle) && s.meetClosely(p.box, q.box)) testTriangles(s, p, q);
 }
 

@@ -84,7 +84,8 @@ struct PairSettings {
 };
 
 /// Finds pairs of features of triangle surfaces that hit each other in a step or are near each other at its start or
-/// end. Keeps its workspace: allocates nothing once it has seen the like.
+/// end. Keeps its workspace: allocates nothing once it has seen the like. Parts of
+/// a search run as parallelFor() has them run; the pairs are the same.
 ///
 /// Every vertex-face and edge-edge pair that hits, or whose distance at the start or the end is below reach, is either
 /// reported or stands behind a reported one:
@@ -116,6 +117,15 @@ class SurfacePairFinder {
     MovingBox box;
     int triangle;
   };
+  struct Meeting {  // leaves that must be opened
+    NodePair leaves;
+    float clearance;
+  };
+  struct Workspace {  // of a part of the clusters that meet
+    std::vector<Local> a, b;
+    std::vector<FeaturePair> found;
+    double first_hit;
+  };
   struct Faces;   // vertex against face
   struct Search;  // what one call knows
 
@@ -124,7 +134,8 @@ class SurfacePairFinder {
   void descendFromRoots(Search& s);
   void descend(Search& s, NodePair root);
   bool visit(Search& s, NodePair pair);
-  void testClusters(Search& s, NodePair leaves);
+  void testMeeting(Search& s);
+  void testClusters(Search& s, NodePair leaves, Workspace& workspace);
   static float gapAlongNormal(const CollisionSurface& sp, const std::array<int, 3>& p, const CollisionSurface& sq,
                               const std::array<int, 3>& q);
   void testTriangles(Search& s, const Local& a, const Local& b);
@@ -133,7 +144,9 @@ class SurfacePairFinder {
 
   PairSettings settings_;
   std::vector<NodePair> stack_;
-  std::vector<Local> local_a_, local_b_;
+  std::vector<Meeting> meeting_;
+  std::vector<int> boxless_a_, boxless_b_;  // clusters whose triangles need boxes
+  std::vector<Workspace> workspace_;
 };
 
 }  // namespace palpate

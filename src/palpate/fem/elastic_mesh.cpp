@@ -1,10 +1,12 @@
 #include "palpate/fem/elastic_mesh.h"
 
 #include <Eigen/LU>
+#include <algorithm>
 #include <cmath>
 #include <string>
 
 #include "palpate/common/error.h"
+#include "palpate/common/parallel.h"
 #include "palpate/fem/polar.h"
 
 namespace palpate {
@@ -56,8 +58,12 @@ ElasticElement makeElement(const SimulationMesh& mesh, int index, const ElementM
 // Not inlined, so that forces found ahead are those found anew to the last bit, wherever the compiler contracts.
 [[gnu::noinline]] Mat3 gradientOf(const ElasticElement& e, const VecX& x) { return e.deformationGradient(x); }
 
-/// Returns the element's energy and adds its forces to `f`.
-[[gnu::noinline]] double addElement(const ElasticElement& e, const Mat3& rotation, const Mat3& gradient, VecX& f) {
+bool same(const VecX& a, const VecX& b) { return a.size() == b.size() && a == b; }
+
+}  // namespace
+
+[[gnu::noinline]] ElasticMesh::ElementForces ElasticMesh::forcesOf(const ElasticElement& e, const Mat3& rotation,
+                                                                   const Mat3& gradient) {
   const Mat3 g = rotation.transpose() * gradient;
   Mat3 strain = 0.5 * (g + g.transpose());
   strain.diagonal().array() -= 1.0;
@@ -65,13 +71,15 @@ ElasticElement makeElement(const SimulationMesh& mesh, int index, const ElementM
   Mat3 stress = 2.0 * e.mu * strain;
   stress.diagonal().array() += e.lambda * trace;
   const Mat3 p = rotation * stress;
-  for (int k = 0; k < 4; ++k) f.segment<3>(3 * e.node[k]) -= p * e.gradient[k];
-  return e.mu * strain.squaredNorm() + 0.5 * e.lambda * trace * trace;
+  ElementForces own;
+  for (int k = 0; k < 4; ++k) own.force[k] = -p * e.gradient[k];
+  own.energy = e.mu * strain.squaredNorm() + 0.5 * e.lambda * trace * trace;
+  return own;
 }
 
-bool same(const VecX& a, const VecX& b) { return a.size() == b.size() && a == b; }
-
-}  // namespace
+void ElasticMesh::add(const ElasticElement& e, const ElementForces& own, VecX& f) {
+  for (int k = 0; k < 4; ++k) f.segment<3>(3 * e.node[k]) += own.force[k];
+}
 
 std::vector<Vec3> elementCentroids(const TetrahedralMesh& mesh) {
   std::vector<Vec3> centroids;
@@ -140,26 +148,34 @@ void ElasticMesh::forces(const VecX& x, VecX& f) const {
     return;
   }
   f.setZero(3 * nodes());
-  for (const ElasticElement& e : elements_) addElement(e, e.rotation, gradientOf(e, x), f);
+  for (const ElasticElement& e : elements_) add(e, forcesOf(e, e.rotation, gradientOf(e, x)), f);
 }
 
 double ElasticMesh::energy(const VecX& x) const {
   double sum = 0;
-  VecX unused = VecX::Zero(3 * nodes());
-  for (const ElasticElement& e : elements_) sum += addElement(e, e.rotation, gradientOf(e, x), unused);
+  for (const ElasticElement& e : elements_) sum += forcesOf(e, e.rotation, gradientOf(e, x)).energy;
   return sum;
 }
 
 double ElasticMesh::energyAt(const VecX& x) {
   double sum = 0;
   ahead_.resize(elements_.size());
-  ahead_forces_.setZero(3 * nodes());
+  ahead_elements_.resize(elements_.size());
   forces_x_.resize(0);
-  for (std::size_t i = 0; i < elements_.size(); ++i) {
-    const ElasticElement& e = elements_[i];
-    const Mat3 gradient = gradientOf(e, x);
-    ahead_[i] = polarRotation(gradient, e.rotation);
-    sum += addElement(e, ahead_[i], gradient, ahead_forces_);
+  constexpr int kLeast = 32, kMostParts = 32;
+  const int count = static_cast<int>(elements_.size()), parts = std::min(1 + count / kLeast, kMostParts);
+  parallelFor(parts, [&](int part) {
+    for (int i = partBegin(part, parts, count); i < partBegin(part + 1, parts, count); ++i) {
+      const ElasticElement& e = elements_[i];
+      const Mat3 gradient = gradientOf(e, x);
+      ahead_[i] = polarRotation(gradient, e.rotation);
+      ahead_elements_[i] = forcesOf(e, ahead_[i], gradient);
+    }
+  });
+  ahead_forces_.setZero(3 * nodes());
+  for (int i = 0; i < count; ++i) {
+    add(elements_[i], ahead_elements_[i], ahead_forces_);
+    sum += ahead_elements_[i].energy;
   }
   ahead_x_ = x;
   return sum;
@@ -192,21 +208,42 @@ SymmetricBlockMatrix ElasticMesh::pattern(const std::vector<int>& row) {
     }
     slots_.push_back(entry);
   }
-  diagonal_slots_.clear();
-  for (int node = 0; node < nodes(); ++node) {
-    if (row[node] >= 0) diagonal_slots_.emplace_back(node, a.find(row[node], row[node]));
+  const int slots = static_cast<int>(a.values.size() / 9);
+  for (int k = 0; k < kParts; ++k) {
+    Part& part = parts_[k];
+    part.first = partBegin(k, kParts, slots);
+    part.end = partBegin(k + 1, kParts, slots);
+    const auto within = [&](int slot) { return slot >= part.first && slot < part.end; };
+    part.elements.clear();
+    part.diagonal.clear();
+    for (std::size_t n = 0; n < slots_.size(); ++n) {
+      if (std::any_of(slots_[n].begin(), slots_[n].end(), [&](const PairSlot& s) { return within(s.slot); })) {
+        part.elements.push_back(static_cast<int>(n));
+      }
+    }
+    for (int node = 0; node < nodes(); ++node) {
+      if (row[node] < 0) continue;
+      const int slot = a.find(row[node], row[node]);
+      if (within(slot)) part.diagonal.emplace_back(node, slot);
+    }
   }
   return a;
 }
 
 void ElasticMesh::assemble(double mass_scale, double stiffness_scale, SymmetricBlockMatrix& a) const {
-  std::fill(a.values.begin(), a.values.end(), 0.0);
-  for (const auto& [node, slot] : diagonal_slots_) a.block(slot).diagonal().setConstant(mass_scale * mass_[node]);
-  for (std::size_t n = 0; n < elements_.size(); ++n) {
+  for (int part = 0; part < kParts; ++part) assemblePart(part, mass_scale, stiffness_scale, a);
+}
+
+void ElasticMesh::assemblePart(int index, double mass_scale, double stiffness_scale, SymmetricBlockMatrix& a) const {
+  const Part& part = parts_[index];
+  const auto entry = [&](int slot) { return a.values.begin() + 9 * static_cast<std::ptrdiff_t>(slot); };
+  std::fill(entry(part.first), entry(part.end), 0.0);
+  for (const auto& [node, slot] : part.diagonal) a.block(slot).diagonal().setConstant(mass_scale * mass_[node]);
+  for (const int n : part.elements) {
     const ElasticElement& e = elements_[n];
     const std::array<Vec3, 4> c = e.rotatedGradients();
     for (const PairSlot& s : slots_[n]) {
-      if (s.slot >= 0) a.block(s.slot) += stiffness_scale * e.stiffness(c, s.i, s.j);
+      if (s.slot >= part.first && s.slot < part.end) a.block(s.slot) += stiffness_scale * e.stiffness(c, s.i, s.j);
     }
   }
 }

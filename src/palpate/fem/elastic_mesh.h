@@ -88,21 +88,36 @@ class ElasticMesh {
   SymmetricBlockMatrix pattern(const std::vector<int>& row);
   /// a = mass_scale M + stiffness_scale K on the pattern's rows, with the present rotations.
   void assemble(double mass_scale, double stiffness_scale, SymmetricBlockMatrix& a) const;
+  /// One of kParts shares of assemble(), which have no entry in common.
+  void assemblePart(int part, double mass_scale, double stiffness_scale, SymmetricBlockMatrix& a) const;
+  static constexpr int kParts = 4;
 
  private:
   struct PairSlot {
     int slot;           // -1: a node of the pair has no row
     std::uint8_t i, j;  // local nodes, in the order that the lower triangle needs
   };
+  struct Part {  // of the matrix: slots [first, end), elements and nodes that have some there
+    int first = 0, end = 0;
+    std::vector<int> elements;
+    std::vector<std::pair<int, int>> diagonal;  // node, slot
+  };
+  struct ElementForces {
+    std::array<Vec3, 4> force;
+    double energy;
+  };
+  static ElementForces forcesOf(const ElasticElement& e, const Mat3& rotation, const Mat3& gradient);
+  static void add(const ElasticElement& e, const ElementForces& own, VecX& f);
   Material material_;
+  std::vector<ElementForces> ahead_elements_;
   std::vector<Mat3> ahead_;  // rotations that energyAt() found
   VecX ahead_forces_;        // and forces with them
   VecX ahead_x_;             // for these positions; empty: none
   VecX forces_x_;            // the same once the rotations are in use
   VecX mass_;
   std::vector<ElasticElement> elements_;
-  std::vector<std::array<PairSlot, 10>> slots_;      // an element
-  std::vector<std::pair<int, int>> diagonal_slots_;  // node, slot
+  std::vector<std::array<PairSlot, 10>> slots_;  // an element
+  std::array<Part, kParts> parts_;
 };
 
 }  // namespace palpate

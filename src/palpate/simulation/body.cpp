@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "palpate/common/error.h"
+#include "palpate/common/parallel.h"
 #include "palpate/math/rotation.h"
 #include "palpate/mesh/surface_measures.h"
 #include "palpate/solver/triangular_solve.h"
@@ -174,14 +175,24 @@ void Body::assemble(const StepInput& input) {
   v0_ = v_;
   fem_.updateRotations(x0_);
   fem_.forces(x0_, f_);
-  fem_.assemble(1.0 + h * fem_.material().damping_alpha, c_, a_);
+  parallelFor(ElasticMesh::kParts + 1, [&](int i) {
+    if (i == 0) {
+      assembleRightSides();
+    } else {
+      fem_.assemblePart(i - 1, 1.0 + h * fem_.material().damping_alpha, c_, a_);
+    }
+  });
+}
+
+void Body::assembleRightSides() {
+  const double h = input_.step;
   const int columns = framed() ? 7 : 1;
   rhs_.resize(3 * freeNodes(), columns);
   for (int r = 0; r < freeNodes(); ++r) {
     const int i = free_[r];
     const double m = fem_.mass()[i];
     rhs_.col(columns - 1).segment<3>(3 * r) =
-        m * v0_.segment<3>(3 * i) + h * (f_.segment<3>(3 * i) + m * input.gravity);
+        m * v0_.segment<3>(3 * i) + h * (f_.segment<3>(3 * i) + m * input_.gravity);
   }
   if (framed()) assembleHandle();
 }

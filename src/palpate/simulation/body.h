@@ -174,6 +174,7 @@ class Body {
   std::size_t analyses() const { return analyses_; }
 
  private:
+  void assembleRightSides();
   void assembleHandle();
   void addLink(Vec6& wrench);
   void attach(const Handle& handle);

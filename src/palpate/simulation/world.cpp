@@ -8,6 +8,7 @@
 #include <optional>
 
 #include "palpate/common/error.h"
+#include "palpate/common/parallel.h"
 
 namespace palpate {
 namespace {
@@ -102,6 +103,7 @@ void World::reportContacts(StepReport& report) const {
 // are linearize(). A body whose system fails stands still at its last good state, and the others touch it there.
 StepReport World::stepBodies(const std::vector<int>& moving, const StepInput& input, bool advance) {
   prepare();
+  if (Executor* executor = Executor::current()) executor->wake();
   StepReport report;
   moving_.clear();
   moving_indices_.clear();

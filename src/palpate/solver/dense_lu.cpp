@@ -4,6 +4,7 @@
 #include <cmath>
 #include <utility>
 
+#include "palpate/common/parallel.h"
 #include "palpate/solver/triangular_solve.h"
 
 namespace palpate {
@@ -74,11 +75,11 @@ bool factorizeSmall(Matrix& a, std::vector<int>& pivots) {
   return true;
 }
 
-/// Rows [first, end) and below of the columns from `end` to `to`, once columns [first, end) are factorized.
-void eliminate(Matrix& a, Eigen::Index first, Eigen::Index end, Eigen::Index to) {
-  const Eigen::Index width = end - first, below = a.rows() - end, right = to - end;
-  solveUnitLowerInPlace(a.block(first, first, width, width), a.block(first, end, width, right));
-  a.block(end, end, below, right).noalias() -= a.block(end, first, below, width) * a.block(first, end, width, right);
+/// Rows [first, end) and below of the columns from `from` to `to`, once columns [first, end) are factorized.
+void eliminate(Matrix& a, Eigen::Index first, Eigen::Index end, Eigen::Index from, Eigen::Index to) {
+  const Eigen::Index width = end - first, below = a.rows() - end, columns = to - from;
+  solveUnitLowerInPlace(a.block(first, first, width, width), a.block(first, from, width, columns));
+  a.block(end, from, below, columns).noalias() -= a.block(end, first, below, width) * a.block(first, from, width, columns);
 }
 
 /// Factor of the columns [first, end) from row `first` on, by halves; exchanges rows in these columns only.
@@ -88,7 +89,7 @@ bool factorizeColumns(Matrix& a, Eigen::Index first, Eigen::Index end, std::vect
     const Eigen::Index middle = first + (end - first) / 2;
     if (!factorizeColumns(a, first, middle, pivots)) return false;
     exchangeRows(a, pivots, first, middle, middle, end);
-    eliminate(a, first, middle, end);
+    eliminate(a, first, middle, middle, end);
     if (!factorizeColumns(a, middle, end, pivots)) return false;
     exchangeRows(a, pivots, middle, end, first, middle);
     return true;
@@ -114,12 +115,24 @@ bool luInPlace(Eigen::Ref<MatX> a, std::vector<int>& pivots) {
   const Eigen::Index n = a.rows();
   if (pivots.size() < static_cast<std::size_t>(n)) pivots.resize(static_cast<std::size_t>(n));
   if (n <= kSmall) return factorizeSmall(a, pivots);
+  if (!factorizeColumns(a, 0, std::min(kPanel, n), pivots)) return false;
   for (Eigen::Index first = 0; first < n; first += kPanel) {
-    const Eigen::Index end = std::min(first + kPanel, n);
-    if (!factorizeColumns(a, first, end, pivots)) return false;
-    exchangeRows(a, pivots, first, end, 0, first);
-    exchangeRows(a, pivots, first, end, end, n);
-    if (end < n) eliminate(a, first, end, n);
+    const Eigen::Index end = std::min(first + kPanel, n), next = std::min(end + kPanel, n);
+    const int chunks = static_cast<int>((n - next + kPanel - 1) / kPanel);
+    bool good = true;
+    // columns that come next are factorized while the others are brought up to date; last, rows on the left
+    parallelFor(chunks + 2, [&](int part) {
+      const Eigen::Index from = part == 0 ? end : next + (part - 1) * kPanel;
+      const Eigen::Index to = part == 0 ? next : std::min(from + kPanel, n);
+      if (part == chunks + 1) {
+        exchangeRows(a, pivots, first, end, 0, first);
+      } else if (from < to) {
+        exchangeRows(a, pivots, first, end, from, to);
+        eliminate(a, first, end, from, to);
+        if (part == 0) good = factorizeColumns(a, end, next, pivots);
+      }
+    });
+    if (!good) return false;
   }
   return true;
 }

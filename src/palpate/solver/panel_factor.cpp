@@ -1,9 +1,13 @@
 #include "palpate/solver/panel_factor.h"
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <cstring>
 #include <limits>
+#include <utility>
+
+#include "palpate/common/parallel.h"
 
 namespace palpate {
 namespace {
@@ -66,7 +70,7 @@ void PanelFactor::setStructure(std::vector<Panel> panels, std::vector<int> rows)
     most_rows = std::max(most_rows, panel.rows);
   }
   inverse_diagonal_.assign(3 * panel_of_.size(), 0.0);
-  product_.assign(3 * (3 * static_cast<std::size_t>(most_rows) + 24), 0.0);
+  products_.assign(1, std::vector<double>(3 * (3 * static_cast<std::size_t>(most_rows) + 24), 0.0));
   gather_.assign(3 * static_cast<std::size_t>(most_rows) + 24, 0.0);
   updates_.clear();
   update_begin_.clear();
@@ -101,20 +105,84 @@ void PanelFactor::planUpdates() {
     updates_.insert(updates_.end(), list.begin(), list.end());
     update_begin_.push_back(static_cast<int>(updates_.size()));
   }
+  planParts();
 }
 
-void PanelFactor::applyUpdate(double* values, const Panel& target, const Update& update) {
+// Splits the largest subtrees until none is more than a small share of the work, and deals them out to parts.
+void PanelFactor::planParts() {
+  constexpr double kWorthwhile = 1e6;  // operations; some 50 us
+  constexpr double kShare = 0.1;
+  constexpr std::size_t kMostParts = 16;
+  const std::size_t count = panels_.size();
+  std::vector<double> work(count, 0.0);
+  std::vector<std::vector<int>> children(count);
+  std::vector<int> trees;
+  for (std::size_t s = 0; s < count; ++s) {
+    const double width = 3.0 * panels_[s].columns, height = 3.0 * panels_[s].rows;
+    work[s] += width * width * height;
+    for (int u = update_begin_[s]; u < update_begin_[s + 1]; ++u) {
+      const Panel& source = panels_[updates_[u].source];
+      work[s] += 18.0 * (updates_[u].last - updates_[u].first) * (source.rows - updates_[u].first) * 3.0 * source.columns;
+    }
+    const int above = parent(static_cast<int>(s));
+    if (above < 0) {
+      trees.push_back(static_cast<int>(s));
+    } else {
+      work[above] += work[s];
+      children[above].push_back(static_cast<int>(s));
+    }
+  }
+  double total = 0;
+  for (const int s : trees) total += work[s];
+  const auto less = [&](int a, int b) { return std::pair(work[a], a) < std::pair(work[b], b); };
+  std::make_heap(trees.begin(), trees.end(), less);
+  std::vector<char> on_top(count, 0);
+  while (!trees.empty() && (total < kWorthwhile || work[trees.front()] > kShare * total)) {
+    std::pop_heap(trees.begin(), trees.end(), less);
+    const int s = trees.back();
+    trees.pop_back();
+    on_top[s] = 1;
+    for (const int child : children[s]) {
+      trees.push_back(child);
+      std::push_heap(trees.begin(), trees.end(), less);
+    }
+  }
+  std::sort(trees.begin(), trees.end(), [&](int a, int b) { return less(b, a); });
+  parts_.assign(std::min(trees.size(), kMostParts), {});
+  std::vector<double> dealt(parts_.size(), 0.0);
+  std::vector<int> part_of(count, -1);
+  for (const int s : trees) {
+    const auto least = std::min_element(dealt.begin(), dealt.end());
+    *least += work[s];
+    part_of[s] = static_cast<int>(least - dealt.begin());
+  }
+  top_.clear();
+  for (std::size_t s = count; s-- > 0;) {
+    if (on_top[s]) {
+      top_.push_back(static_cast<int>(s));
+      continue;
+    }
+    if (part_of[s] < 0) part_of[s] = part_of[parent(static_cast<int>(s))];
+    parts_[part_of[s]].push_back(static_cast<int>(s));
+  }
+  for (std::vector<int>& part : parts_) std::reverse(part.begin(), part.end());
+  std::reverse(top_.begin(), top_.end());
+  products_.resize(std::max<std::size_t>(parts_.size(), 1), products_.front());
+}
+
+void PanelFactor::applyUpdate(double* values, const Panel& target, const Update& update,
+                              std::vector<double>& columns) {
   const Panel& source = panels_[update.source];
   const double* from = values + source.value;
   double* to = values + target.value;
-  const int c_stride = static_cast<int>(product_.size()) / 3;
+  const int c_stride = static_cast<int>(columns.size()) / 3;
   for (int j = update.first; j < update.last; ++j) {
     const int count = source.rows - j;
-    product(from + 3 * j, from + 3 * j, source.stride, 3 * source.columns, 3 * count, product_.data(), c_stride);
+    product(from + 3 * j, from + 3 * j, source.stride, 3 * source.columns, 3 * count, columns.data(), c_stride);
     const int* map = map_.data() + update.map + (j - update.first);
     for (int c = 0; c < 3; ++c) {
       double* column = to + static_cast<std::size_t>(3 * map[0] + c) * target.stride;
-      const double* sum = product_.data() + c * c_stride;
+      const double* sum = columns.data() + c * c_stride;
       for (int r = 0; r < count; ++r) {
         double* entry = column + 3 * map[r];
         entry[0] -= sum[3 * r];
@@ -125,17 +193,21 @@ void PanelFactor::applyUpdate(double* values, const Panel& target, const Update&
   }
 }
 
-bool PanelFactor::factorizePanel(double* values, const Panel& panel) {
+bool PanelFactor::factorizePanel(double* values, int index, std::vector<double>& columns) {
+  const Panel& panel = panels_[index];
+  for (int u = update_begin_[index]; u < update_begin_[index + 1]; ++u) {
+    applyUpdate(values, panel, updates_[u], columns);
+  }
   double* panel_values = values + panel.value;
   const int stride = panel.stride;
-  const int c_stride = static_cast<int>(product_.size()) / 3;
+  const int c_stride = static_cast<int>(columns.size()) / 3;
   for (int j = 0; j < panel.columns; ++j) {
     const int rows = 3 * (panel.rows - j);
     double* c0 = panel_values + static_cast<std::size_t>(3 * j) * stride + 3 * j;
     double* c1 = c0 + stride;
     double* c2 = c1 + stride;
     if (j > 0) {
-      double* sum = product_.data();
+      double* sum = columns.data();
       product(panel_values + 3 * j, panel_values + 3 * j, stride, 3 * j, rows, sum, c_stride);
       for (int r = 0; r < rows; ++r) c0[r] -= sum[r];
       for (int r = 0; r < rows; ++r) c1[r] -= sum[c_stride + r];
@@ -168,11 +240,17 @@ bool PanelFactor::factorizePanel(double* values, const Panel& panel) {
 }
 
 bool PanelFactor::factorize(double* values) {
-  for (std::size_t s = 0; s < panels_.size(); ++s) {
-    for (int u = update_begin_[s]; u < update_begin_[s + 1]; ++u) applyUpdate(values, panels_[s], updates_[u]);
-    if (!factorizePanel(values, panels_[s])) return false;
-  }
-  return true;
+  std::atomic<bool> good{true};
+  parallelFor(static_cast<int>(parts_.size()), [&](int part) {
+    for (const int s : parts_[part]) {
+      if (!factorizePanel(values, s, products_[part])) {
+        good.store(false, std::memory_order_relaxed);
+        return;
+      }
+    }
+  });
+  if (!good.load(std::memory_order_relaxed)) return false;
+  return std::all_of(top_.begin(), top_.end(), [&](int s) { return factorizePanel(values, s, products_[0]); });
 }
 
 bool PanelFactor::invertDiagonal(const double* values) {

@@ -58,8 +58,9 @@ class PanelFactor {
     int source, first, last, map;
   };
 
-  void applyUpdate(double* values, const Panel& target, const Update& update);
-  bool factorizePanel(double* values, const Panel& panel);
+  void planParts();
+  void applyUpdate(double* values, const Panel& target, const Update& update, std::vector<double>& product);
+  bool factorizePanel(double* values, int panel, std::vector<double>& product);
 
   std::vector<Panel> panels_;
   std::vector<int> rows_;
@@ -68,8 +69,10 @@ class PanelFactor {
   std::vector<Update> updates_;    // grouped by target
   std::vector<int> update_begin_;  // [panels + 1]
   std::vector<int> map_;
+  std::vector<std::vector<int>> parts_;  // panels of whole subtrees, which need nothing of each other
+  std::vector<int> top_;                 // the others, which come after them
   std::vector<double> inverse_diagonal_;
-  std::vector<double> product_;         // 3 columns of one update
+  std::vector<std::vector<double>> products_;  // 3 columns of one update, for each part
   mutable std::vector<double> gather_;  // rows below a panel, for single right-hand sides
 };
 

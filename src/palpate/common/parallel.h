@@ -1,0 +1,61 @@
+#pragma once
+
+#include <type_traits>
+#include <utility>
+
+namespace palpate {
+
+/// Runs the parts of a loop, perhaps on several threads. What is in here knows no threads: they come from outside
+/// (session/thread_team.h), and without them loops run one part after the other.
+class Executor {
+ public:
+  virtual ~Executor() = default;
+  /// Calls part(loop, i) once for each i in [0, parts), in any order and on any thread, and returns when all are done.
+  /// Rethrows one of the exceptions that parts threw.
+  virtual void run(int parts, void (*part)(void* loop, int i), void* loop) = 0;
+  /// Loops are about to come: threads that sleep may get up meanwhile.
+  virtual void wake() noexcept {}
+
+  /// That of the calling thread; null: none, or one of its loops is running.
+  static Executor* current() noexcept { return current_; }
+
+ private:
+  friend class ExecutorScope;
+  inline static thread_local Executor* current_ = nullptr;
+};
+
+/// While it lives, the calling thread's loops are run by this executor (null: by the thread alone).
+class ExecutorScope {
+ public:
+  explicit ExecutorScope(Executor* executor) noexcept : before_(std::exchange(Executor::current_, executor)) {}
+  ~ExecutorScope() { Executor::current_ = before_; }
+  ExecutorScope(const ExecutorScope&) = delete;
+  ExecutorScope& operator=(const ExecutorScope&) = delete;
+
+ private:
+  Executor* before_;
+};
+
+/// Where a part of `count` things begins; that of the part after the last one is `count`.
+inline int partBegin(int part, int parts, int count) {
+  return static_cast<int>(static_cast<long long>(count) * part / parts);
+}
+
+/// Calls f(i) for each i in [0, parts), perhaps at the same time. So that results do not depend on the number of
+/// threads, parts must be chosen without regard to it, and what they leave must be combined in a fixed order. Loops
+/// within a part run in it alone. Allocates nothing.
+template <class F>
+void parallelFor(int parts, F&& f) {
+  Executor* executor = parts > 1 ? Executor::current() : nullptr;
+  if (executor == nullptr) {
+    for (int i = 0; i < parts; ++i) f(i);
+    return;
+  }
+  using Loop = std::remove_reference_t<F>;
+  const ExecutorScope within(nullptr);
+  executor->run(
+      parts, [](void* loop, int i) { (*static_cast<Loop*>(loop))(i); },
+      const_cast<void*>(static_cast<const void*>(&f)));
+}
+
+}  // namespace palpate

@@ -1,0 +1,52 @@
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <exception>
+#include <thread>
+#include <vector>
+
+#include "palpate/common/parallel.h"
+
+namespace palpate {
+
+/// Threads that run loops together with the thread that asks for it (fork and join). They take one part after the
+/// other, so that one that is held up by the system is not waited for with more than its part. Between loops they look
+/// out for the next one for half a millisecond, and then sleep.
+/// Several threads may ask, one at a time.
+class ThreadTeam : public Executor {
+ public:
+  static constexpr int kMaxThreads = 64;
+  static constexpr int kMaxParts = 1 << 15;
+
+  /// @param threads  those that work on a loop, the asking one included; 1: no others. Clamped to [1, kMaxThreads].
+  explicit ThreadTeam(int threads);
+  ~ThreadTeam() override;
+  ThreadTeam(const ThreadTeam&) = delete;
+  ThreadTeam& operator=(const ThreadTeam&) = delete;
+
+  /// What this machine lets the process have, at most four: beyond, a visual step gains next to nothing.
+  static int suitable();
+
+  int threads() const { return static_cast<int>(workers_.size()) + 1; }
+  void run(int parts, void (*part)(void* loop, int i), void* loop) override;
+  void wake() noexcept override;
+
+ private:
+  void work() noexcept;
+  bool takePart(std::uint64_t& ticket) noexcept;
+  void finish(int i) noexcept;
+
+  // Number of the loop, its parts and the next part to take, in one word: who has taken a part knows that it is of the
+  // loop whose fields follow, as they cannot change before it is done.
+  std::atomic<std::uint64_t> ticket_{0};
+  std::atomic<int> done_{0};
+  std::atomic<bool> failed_{false};
+  void (*part_)(void*, int) = nullptr;
+  void* loop_ = nullptr;
+  std::exception_ptr failure_;
+  std::atomic<bool> stop_{false};
+  std::vector<std::thread> workers_;
+};
+
+}  // namespace palpate
