@@ -482,7 +482,15 @@ void Body::formDelassus(ContactRows& rows) {
       rows.delassus.selfadjointView<Eigen::Lower>().rankUpdate(half_.transpose());
     }
   }
-  if (framed()) rows.delassus.triangularView<Eigen::Lower>() += rows.z.transpose() * (s_inverse_ * rows.z);
+  if (!framed()) return;
+  constexpr int kTile = 64;
+  parallelFor(static_cast<int>((count + kTile - 1) / kTile), [&](int tile) {
+    const Eigen::Index j = tile * kTile, width = std::min<Eigen::Index>(kTile, count - j), below = count - j - width;
+    const Eigen::Matrix<double, 6, Eigen::Dynamic, 0, 6, kTile> moved = s_inverse_ * rows.z.middleCols(j, width);
+    rows.delassus.block(j, j, width, width).triangularView<Eigen::Lower>() +=
+        rows.z.middleCols(j, width).transpose() * moved;
+    rows.delassus.block(j + width, j, below, width).noalias() += rows.z.rightCols(below).transpose() * moved;
+  });
 }
 
 // Rows and columns of the changed contacts, by a solve with their columns.

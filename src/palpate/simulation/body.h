@@ -1,10 +1,12 @@
 #pragma once
 
 #include <Eigen/LU>
+#include <algorithm>
 #include <optional>
 #include <string>
 #include <vector>
 
+#include "palpate/common/parallel.h"
 #include "palpate/contact/contact.h"
 #include "palpate/contact/contact_finder.h"
 #include "palpate/fem/elastic_mesh.h"
@@ -221,5 +223,23 @@ class Body {
   VecX v_free_, v_end_, impulse_response_, on_trailing_;
   Vec6 u_free_ = Vec6::Zero(), u_end_ = Vec6::Zero();
 };
+
+/// Calls f(b) for each place b in `bodies`: at the same time where they are of like size, one after the other where one
+/// is most of the work, so that its own loops are shared out.
+template <class F>
+void forEachBody(const std::vector<Body*>& bodies, F&& f) {
+  constexpr double kMost = 0.7;
+  double nodes = 0, most = 0;
+  for (const Body* body : bodies) {
+    nodes += body->nodes();
+    most = std::max(most, static_cast<double>(body->nodes()));
+  }
+  const int count = static_cast<int>(bodies.size());
+  if (most > kMost * nodes) {
+    for (int b = 0; b < count; ++b) f(b);
+  } else {
+    parallelFor(count, f);
+  }
+}
 
 }  // namespace palpate

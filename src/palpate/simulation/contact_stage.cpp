@@ -5,6 +5,8 @@
 #include <numeric>
 #include <tuple>
 
+#include "palpate/common/parallel.h"
+
 namespace palpate {
 namespace {
 
@@ -233,35 +235,57 @@ void ContactStage::solveIsland(std::size_t index, double h, double scale, const 
   ContactIsland& island = set_.islands[index];
   const auto m = static_cast<Eigen::Index>(island.contacts.size());
   formDelassus(island);
-  for (VecX* rows : {&free_, &impulse_}) rows->resize(3 * m);
-  for (VecX* each : {&bias_, &friction_}) each->resize(m);
-  status_.resize(island.contacts.size());
+  IslandSolver& own = solvers_[index];
+  for (VecX* rows : {&own.free, &own.impulse}) rows->resize(3 * m);
+  for (VecX* each : {&own.bias, &own.friction}) each->resize(m);
+  own.status.resize(island.contacts.size());
   for (Eigen::Index k = 0; k < m; ++k) {
     const int i = island.contacts[k];
-    free_.segment<3>(3 * k) = set_.free.segment<3>(3 * i);
-    impulse_.segment<3>(3 * k) = set_.impulse.segment<3>(3 * i);
-    bias_[k] = -set_.contacts[i].gap / h;
-    friction_[k] = set_.contacts[i].friction;
-    status_[k] = set_.status[i];
+    own.free.segment<3>(3 * k) = set_.free.segment<3>(3 * i);
+    own.impulse.segment<3>(3 * k) = set_.impulse.segment<3>(3 * i);
+    own.bias[k] = -set_.contacts[i].gap / h;
+    own.friction[k] = set_.contacts[i].friction;
+    own.status[k] = set_.status[i];
   }
-  const double own = std::max(free_.lpNorm<Eigen::Infinity>(), bias_.lpNorm<Eigen::Infinity>());
-  if (own == 0 || island.delassus.isZero(0.0)) {  // nothing moves towards anything, or nothing can move
-    impulse_.setZero();
-    status_.assign(island.contacts.size(), {});
+  const double largest = std::max(own.free.lpNorm<Eigen::Infinity>(), own.bias.lpNorm<Eigen::Infinity>());
+  if (largest == 0 || island.delassus.isZero(0.0)) {  // nothing moves towards anything, or nothing can move
+    own.impulse.setZero();
+    own.status.assign(island.contacts.size(), {});
     island.solver = {true, 0, 0.0};
   } else {
     ContactSolverSettings solver = settings.solver;
     if (std::isfinite(scale)) {
-      solver.tolerance *= scale / own;
-      solver.acceptable *= scale / own;
+      solver.tolerance *= scale / largest;
+      solver.acceptable *= scale / largest;
     }
-    solver.tolerance = std::max(solver.tolerance, kNegligible / own);
-    const ContactProblem problem{island.delassus, free_, bias_, friction_, settings.cone};
-    island.solver = solvers_[index].solve(problem, solver, impulse_, status_);
+    solver.tolerance = std::max(solver.tolerance, kNegligible / largest);
+    const ContactProblem problem{island.delassus, own.free, own.bias, own.friction, settings.cone};
+    island.solver = own.solver.solve(problem, solver, own.impulse, own.status);
   }
   for (Eigen::Index k = 0; k < m; ++k) {
-    set_.impulse.segment<3>(3 * island.contacts[k]) = impulse_.segment<3>(3 * k);
-    set_.status[island.contacts[k]] = status_[k];
+    set_.impulse.segment<3>(3 * island.contacts[k]) = own.impulse.segment<3>(3 * k);
+    set_.status[island.contacts[k]] = own.status[k];
+  }
+}
+
+// At the same time, unless one is most of the work: its own loops are shared out then.
+void ContactStage::solveIslands(double h, double scale, const ContactSettings& settings) {
+  constexpr double kMost = 0.7;
+  double work = 0, most = 0;
+  for (std::size_t k = 0; k < set_.islands.size(); ++k) {
+    if (kept_islands_[k]) continue;
+    const double own = static_cast<double>(set_.islands[k].contacts.size());
+    work += own * own * own;
+    most = std::max(most, own * own * own);
+  }
+  const auto solve = [&](int k) {
+    if (!kept_islands_[k]) solveIsland(static_cast<std::size_t>(k), h, scale, settings);
+  };
+  const int count = static_cast<int>(set_.islands.size());
+  if (most > kMost * work) {
+    for (int k = 0; k < count; ++k) solve(k);
+  } else {
+    parallelFor(count, solve);
   }
 }
 
@@ -277,10 +301,7 @@ void ContactStage::formDelassus(ContactIsland& island) {
   }
   for (const int b : island.bodies) {
     const Body::ContactRows& own = set_.rows[b];
-    if (alone) {
-      w.triangularView<Eigen::Lower>() = own.delassus;
-      continue;
-    }
+    if (alone) break;
     for (std::size_t j = 0; j < own.contacts.size(); ++j) {
       for (std::size_t i = j; i < own.contacts.size(); ++i) {
         w.block<3, 3>(3 * set_.place[own.contacts[i]], 3 * set_.place[own.contacts[j]]) +=
@@ -290,8 +311,9 @@ void ContactStage::formDelassus(ContactIsland& island) {
   }
   // in tiles that stay in the cache
   constexpr Eigen::Index kTile = 32;
-  for (Eigen::Index j = 0; j < rows; j += kTile) {
-    const Eigen::Index width = std::min(kTile, rows - j);
+  parallelFor(static_cast<int>((rows + kTile - 1) / kTile), [&](int tile) {
+    const Eigen::Index j = tile * kTile, width = std::min(kTile, rows - j);
+    if (alone) w.block(j, j, rows - j, width) = set_.rows[island.bodies.front()].delassus.block(j, j, rows - j, width);
     auto diagonal = w.block(j, j, width, width);
     for (Eigen::Index c = 0; c < width; ++c) {
       for (Eigen::Index r = c + 1; r < width; ++r) diagonal(c, r) = diagonal(r, c);
@@ -300,7 +322,7 @@ void ContactStage::formDelassus(ContactIsland& island) {
       const Eigen::Index height = std::min(kTile, rows - i);
       w.block(j, i, width, height) = w.block(i, j, height, width).transpose();
     }
-  }
+  });
 }
 
 void ContactStage::solveOnce(const std::vector<Body*>& bodies, const std::vector<int>& indices,
@@ -309,8 +331,8 @@ void ContactStage::solveOnce(const std::vector<Body*>& bodies, const std::vector
   for (std::size_t b = 0; b < bodies.size(); ++b) set_.rows[b].contacts = own_[b];
   findIslands();
   set_.free.setZero(static_cast<Eigen::Index>(3 * set_.contacts.size()));
-  for (std::size_t b = 0; b < bodies.size(); ++b) {
-    bodies[b]->contactRows(set_.contacts, indices[b], changed_, set_.rows[b]);
+  forEachBody(bodies, [&](int b) { bodies[b]->contactRows(set_.contacts, indices[b], changed_, set_.rows[b]); });
+  for (std::size_t b = 0; b < bodies.size(); ++b) {  // in this order: bodies share contacts
     bodies[b]->addFreeRowVelocity(set_.contacts, own_[b], indices[b], set_.free);
   }
   warmStart(h);
@@ -318,17 +340,17 @@ void ContactStage::solveOnce(const std::vector<Body*>& bodies, const std::vector
   for (const Contact& c : set_.contacts) scale = std::max(scale, std::abs(c.gap) / h);
   if (solvers_.size() < set_.islands.size()) solvers_.resize(set_.islands.size());
   set_.solver = {true, 0, 0.0};
-  for (std::size_t k = 0; k < set_.islands.size(); ++k) {
-    if (!kept_islands_[k]) solveIsland(k, h, scale, settings);
-    const ContactSolverReport& report = set_.islands[k].solver;
+  solveIslands(h, scale, settings);
+  for (const ContactIsland& island : set_.islands) {
+    const ContactSolverReport& report = island.solver;
     set_.solver.converged = set_.solver.converged && report.converged;
     set_.solver.iterations = std::max(set_.solver.iterations, report.iterations);
     set_.solver.residual = std::max(set_.solver.residual, report.residual);
   }
-  for (std::size_t b = 0; b < bodies.size(); ++b) {
+  forEachBody(bodies, [&](int b) {
     const bool kept = !own_[b].empty() && kept_islands_[set_.island[own_[b].front()]];
     if (!kept) bodies[b]->applyImpulse(set_.contacts, set_.rows[b], indices[b], set_.impulse);
-  }
+  });
 }
 
 // The deepest violated point of each patch; a contact that is there already is linearized anew where it now is.
@@ -369,9 +391,7 @@ void ContactStage::predict(const std::vector<Body*>& bodies, const std::vector<i
   if (earlier_.empty()) return;
   earlier_impulse_ = earlier_force_ * bodies.front()->input().step;
   listByBody(earlier_, earlier_own_);
-  for (std::size_t b = 0; b < bodies.size(); ++b) {
-    bodies[b]->predict(earlier_, earlier_own_[b], indices[b], earlier_impulse_);
-  }
+  forEachBody(bodies, [&](int b) { bodies[b]->predict(earlier_, earlier_own_[b], indices[b], earlier_impulse_); });
 }
 
 // What carried force on a plane in the step before is a candidate wherever the prediction puts it.

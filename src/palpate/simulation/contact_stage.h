@@ -122,6 +122,7 @@ class ContactStage {
   void formDelassus(ContactIsland& island);
   void warmStart(double h);
   void solveIsland(std::size_t index, double h, double scale, const ContactSettings& settings);
+  void solveIslands(double h, double scale, const ContactSettings& settings);
   void solveOnce(const Bodies& bodies, const std::vector<int>& indices, const ContactSettings& settings);
   void predict(const Bodies& bodies, const std::vector<int>& indices);
   void followEarlier(const Bodies& bodies, const ContactInput& input);
@@ -141,7 +142,12 @@ class ContactStage {
   std::vector<char> kept_islands_;            // of the present pass: as they were in the one before, and solved
   std::vector<int> root_, of_root_, island_;  // while islands are found: of bodies, islands of roots, of contacts
   std::vector<std::pair<std::uint64_t, int>> keys_;  // of the contacts, sorted
-  std::vector<ContactSolver> solvers_;               // one an island, so that sizes stay
+  struct IslandSolver {  // one an island, so that sizes stay
+    ContactSolver solver;
+    VecX free, bias, friction, impulse;
+    std::vector<ContactStatus> status;
+  };
+  std::vector<IslandSolver> solvers_;
   ContactReduction reduction_;
   std::vector<Contact> candidates_;
   std::vector<Memory> memory_;  // sorted by track
@@ -151,8 +157,6 @@ class ContactStage {
   VecX earlier_force_, earlier_impulse_;      // theirs, in their frames [N], [N s]
   std::vector<std::pair<int, int>> touched_;  // body, node: sorted, of the candidates
   std::vector<VecX> x_end_;
-  VecX free_, bias_, friction_, impulse_;  // of an island
-  std::vector<ContactStatus> status_;
 };
 
 }  // namespace palpate

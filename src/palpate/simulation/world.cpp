@@ -59,30 +59,50 @@ void World::prepare() {
 
 // Orders last what contact may touch: nodes that were near something in the last step, and those near planes where the
 // present velocities lead. When some are missing, those a little farther away come too, so that the order then lasts.
-void World::orderContactNodes(int index, double h) {
+void World::orderContactNodes(int index, double h, std::vector<int>& nearby) {
   Body& body = *bodies_[index];
   const double edge = body.contactFinder().edgeLength();
   const VecX x = body.positions() + h * body.velocities();
-  nearby_.clear();
-  stage_.touchedNodes(index, body.nodes(), nearby_);
-  body.contactFinder().nearbyNodes(x, obstacles, 0.02 * edge, nearby_);
-  if (body.contactNodesFit(nearby_)) return;
-  body.contactFinder().nearbyNodes(x, obstacles, 0.08 * edge, nearby_);
-  body.orderContactNodes(nearby_);
+  nearby.clear();
+  stage_.touchedNodes(index, body.nodes(), nearby);
+  body.contactFinder().nearbyNodes(x, obstacles, 0.02 * edge, nearby);
+  if (body.contactNodesFit(nearby)) return;
+  body.contactFinder().nearbyNodes(x, obstacles, 0.08 * edge, nearby);
+  body.orderContactNodes(nearby);
 }
 
-bool World::beginBody(int i, const StepInput& input, StepTimes& times) {
+void World::beginBody(int i, const StepInput& input, Begin& begin) {
   Body& body = *bodies_[i];
   Stopwatch watch;
+  begin.times = {};
   body.assemble(input);
-  times.assemble += watch.lap();
-  orderContactNodes(i, input.step);
+  begin.times.assemble = watch.lap();
+  orderContactNodes(i, input.step, begin.nearby);
   const bool factorized = body.factorize();
-  times.factorize += watch.lap();
-  if (!factorized) return false;
-  body.solveFree();
-  times.solve += watch.lap();
-  return body.endVelocity().allFinite() && body.endTwist().allFinite();
+  begin.times.factorize = watch.lap();
+  if (factorized) body.solveFree();
+  begin.times.solve = watch.lap();
+  begin.good = factorized && body.endVelocity().allFinite() && body.endTwist().allFinite();
+}
+
+void World::beginBodies(const std::vector<int>& moving, const StepInput& input, StepTimes& times) {
+  begin_.resize(std::max(begin_.size(), moving.size()));
+  moving_.clear();
+  for (const int i : moving) moving_.push_back(bodies_[i].get());
+  Stopwatch watch;
+  forEachBody(moving_, [&](int k) { beginBody(moving[k], input, begin_[k]); });
+  // what they took together, by what each kind of work took
+  const double elapsed = watch.lap();
+  StepTimes sum;
+  for (std::size_t k = 0; k < moving.size(); ++k) {
+    sum.assemble += begin_[k].times.assemble;
+    sum.factorize += begin_[k].times.factorize;
+    sum.solve += begin_[k].times.solve;
+  }
+  const double share = sum.total() > 0 ? elapsed / sum.total() : 0.0;
+  times.assemble += share * sum.assemble;
+  times.factorize += share * sum.factorize;
+  times.solve += share * sum.solve;
 }
 
 void World::reportContacts(StepReport& report) const {
@@ -105,18 +125,19 @@ StepReport World::stepBodies(const std::vector<int>& moving, const StepInput& in
   prepare();
   if (Executor* executor = Executor::current()) executor->wake();
   StepReport report;
-  moving_.clear();
-  moving_indices_.clear();
   const auto fail = [&](Body& body) {
     body.clearVelocities();
     report.status = StepStatus::restored;
   };
-  for (const int i : moving) {
-    if (beginBody(i, input, report.times)) {
-      moving_.push_back(bodies_[i].get());
-      moving_indices_.push_back(i);
+  beginBodies(moving, input, report.times);
+  moving_.clear();
+  moving_indices_.clear();
+  for (std::size_t k = 0; k < moving.size(); ++k) {
+    if (begin_[k].good) {
+      moving_.push_back(bodies_[moving[k]].get());
+      moving_indices_.push_back(moving[k]);
     } else {
-      fail(*bodies_[i]);
+      fail(*bodies_[moving[k]]);
     }
   }
   Stopwatch watch;
@@ -173,9 +194,13 @@ StepReport World::stepAll(const DeviceTarget& device, double h, bool advance) {
   std::iota(all_.begin(), all_.end(), 0);
   StepReport report = stepBodies(all_, {h, gravity, saturatedLink(device), device}, advance);
   Stopwatch watch;
-  for (const auto& body : bodies_) {
-    report.kinetic_energy += body->kineticEnergy();
-    report.elastic_energy += body->elasticEnergy();
+  moving_.clear();
+  for (const auto& body : bodies_) moving_.push_back(body.get());
+  elastic_.resize(bodies_.size());
+  forEachBody(moving_, [&](int b) { elastic_[b] = moving_[b]->elasticEnergy(); });
+  for (int b = 0; b < bodies(); ++b) {
+    report.kinetic_energy += bodies_[b]->kineticEnergy();
+    report.elastic_energy += elastic_[b];
   }
   report.times.advance += watch.lap();
   return report;

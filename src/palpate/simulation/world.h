@@ -90,8 +90,14 @@ class World {
  private:
   void prepare();
   LinkParameters saturatedLink(const DeviceTarget& device) const;
-  void orderContactNodes(int body, double h);
-  bool beginBody(int i, const StepInput& input, StepTimes& times);
+  struct Begin {  // of a body's step
+    bool good = false;
+    StepTimes times;
+    std::vector<int> nearby;
+  };
+  void orderContactNodes(int body, double h, std::vector<int>& nearby);
+  void beginBody(int i, const StepInput& input, Begin& begin);
+  void beginBodies(const std::vector<int>& moving, const StepInput& input, StepTimes& times);
   void reportContacts(StepReport& report) const;
   StepReport stepAll(const DeviceTarget& device, double h, bool advance);
   StepReport stepBodies(const std::vector<int>& moving, const StepInput& input, bool advance);
@@ -104,8 +110,9 @@ class World {
   int restorations_ = 0;  // of all bodies, at the last step
   int tool_ = -1;
   std::vector<Body*> moving_;
-  std::vector<int> moving_indices_, nearby_, all_;
-  std::vector<double> share_;
+  std::vector<int> moving_indices_, all_;
+  std::vector<Begin> begin_;
+  std::vector<double> share_, elastic_;
 };
 
 }  // namespace palpate

@@ -136,8 +136,9 @@ bool ContactSolver::solveStates(const ContactProblem& problem, double tolerance)
 
 /// Solves the linear system that the states leave. Proximal: regularized so that redundant contacts do no harm.
 bool ContactSolver::newton(const ContactProblem& problem, double tolerance, Work& work) {
+  unmoved_ = lambda_;
   chooseFree(problem);
-  updateVelocity(problem, lambda_, w_);
+  updateVelocitySince(problem, unmoved_);
   setCurvature(problem);
   if (factored_ != problem.delassus.data()) factor_.forget();
   factored_ = problem.delassus.data();

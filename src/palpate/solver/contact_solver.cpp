@@ -1,13 +1,15 @@
 #include "palpate/solver/contact_solver.h"
 
 #include <algorithm>
+#include <array>
+#include <atomic>
 #include <cmath>
 #include <limits>
 #include <numbers>
 #include <stdexcept>
 #include <utility>
 
-#include "palpate/solver/aligned_buffer.h"
+#include "palpate/common/parallel.h"
 #include "palpate/solver/single_contact.h"
 
 namespace palpate {
@@ -34,6 +36,8 @@ double cornerAngle(double index, int facets) { return 2.0 * std::numbers::pi * i
 
 Vec2 atAngle(double angle) { return {std::cos(angle), std::sin(angle)}; }
 
+constexpr Eigen::Index kPartRows = 256;  // of W
+
 int wrap(int index, int facets) { return ((index % facets) + facets) % facets; }
 
 void checkSizes(const ContactProblem& problem) {
@@ -48,8 +52,56 @@ void checkSizes(const ContactProblem& problem) {
   if ((problem.friction.array() < 0.0).any()) throw std::invalid_argument("contact problem: negative friction");
 }
 
+/// Zero times whatever is not finite is not zero; a sum is quicker than asking for each entry.
+bool isFinite(const Eigen::Ref<const MatX>& w) {
+  const int columns = static_cast<int>(w.cols()), parts = 1 + (columns - 1) / static_cast<int>(kPartRows);
+  std::atomic<bool> good{true};
+  parallelFor(parts, [&](int part) {
+    const int begin = partBegin(part, parts, columns), count = partBegin(part + 1, parts, columns) - begin;
+    const double sum = (0.0 * w.middleCols(begin, count)).sum();
+    if (!(sum == 0.0)) good.store(false, std::memory_order_relaxed);
+  });
+  return good.load(std::memory_order_relaxed);
+}
+
+constexpr int kAtOnce = 4;  // columns
+
+/// Rows of W from `first` on in the given columns: w += W x and, being rows as well as columns, w += W^T x.
+template <int Columns>
+void addBothWays(const Eigen::Ref<const MatX>& matrix, Eigen::Index first, Eigen::Index column, const VecX& x,
+                 double* w) {
+  constexpr Eigen::Index kVector = 8;
+  using Vector = Eigen::Array<double, kVector, 1>;
+  const Eigen::Index rows = matrix.rows();
+  std::array<Vector, Columns> sum;
+  std::array<double, Columns> rest;
+  std::array<const double*, Columns> a;
+  sum.fill(Vector::Zero());
+  rest.fill(0.0);
+  for (int c = 0; c < Columns; ++c) a[c] = matrix.col(column + c).data();
+  Eigen::Index r = first;
+  for (; r + kVector <= rows; r += kVector) {
+    Eigen::Map<Vector> out(w + r);
+    const Vector in = Eigen::Map<const Vector>(x.data() + r);
+    Vector share = out;
+    for (int c = 0; c < Columns; ++c) {
+      const Vector entry = Eigen::Map<const Vector>(a[c] + r);
+      share += x[column + c] * entry;
+      sum[c] += entry * in;
+    }
+    out = share;
+  }
+  for (; r < rows; ++r) {
+    for (int c = 0; c < Columns; ++c) {
+      w[r] += x[column + c] * a[c][r];
+      rest[c] += a[c][r] * x[r];
+    }
+  }
+  for (int c = 0; c < Columns; ++c) w[column + c] += sum[c].sum() + rest[c];
+}
+
 bool isFinite(const ContactProblem& problem) {
-  return problem.delassus.allFinite() && problem.free.allFinite() && problem.bias.allFinite() &&
+  return isFinite(problem.delassus) && problem.free.allFinite() && problem.bias.allFinite() &&
          problem.friction.allFinite();
 }
 
@@ -148,9 +200,48 @@ void ContactSolver::prepare(const ContactProblem& problem, double mean_scale) {
   }
 }
 
-void ContactSolver::updateVelocity(const ContactProblem& problem, const VecX& lambda, VecX& w) const {
+// A large W is mostly a matter of reading it: being symmetric, one half is enough. Each part has some columns of the
+// lower triangle, and adds to w what they are as columns and as rows.
+void ContactSolver::updateVelocity(const ContactProblem& problem, const VecX& lambda, VecX& w) {
+  const Eigen::Index rows = problem.free.size();
   w = problem.free;
-  w.noalias() += problem.delassus * lambda;
+  if (rows <= kPartRows) {
+    w.noalias() += problem.delassus * lambda;
+    return;
+  }
+  constexpr Eigen::Index kColumns = 96;
+  const int parts = static_cast<int>((rows + kColumns - 1) / kColumns);
+  grow(part_velocity_, rows * parts);
+  MapX shares(part_velocity_.data(), rows, parts);
+  parallelFor(parts, [&](int part) {
+    const Eigen::Index begin = part * kColumns, own = std::min(kColumns, rows - begin), below = rows - begin - own;
+    auto share = shares.col(part);
+    const auto left = lambda.segment(begin, own);
+    share.segment(begin, own).noalias() = problem.delassus.block(begin, begin, own, own) * left;
+    share.tail(below).setZero();
+    Eigen::Index j = 0;
+    for (; j + kAtOnce <= own; j += kAtOnce) {
+      addBothWays<kAtOnce>(problem.delassus, begin + own, begin + j, lambda, share.data());
+    }
+    for (; j < own; ++j) addBothWays<1>(problem.delassus, begin + own, begin + j, lambda, share.data());
+  });
+  for (int part = 0; part < parts; ++part) w.tail(rows - part * kColumns) += shares.col(part).tail(rows - part * kColumns);
+}
+
+/// After some impulses have changed from what they were when w_ was theirs.
+void ContactSolver::updateVelocitySince(const ContactProblem& problem, const VecX& before) {
+  const auto changed = [&](Eigen::Index i) { return lambda_.segment<3>(3 * i) != before.segment<3>(3 * i); };
+  Eigen::Index count = 0;
+  for (Eigen::Index i = 0; i < rho_.size(); ++i) count += changed(i) ? 1 : 0;
+  if (4 * count > rho_.size() || !lambda_.allFinite()) {
+    updateVelocity(problem, lambda_, w_);
+    return;
+  }
+  for (Eigen::Index i = 0; i < rho_.size(); ++i) {
+    if (!changed(i)) continue;
+    const Vec3 change = lambda_.segment<3>(3 * i) - before.segment<3>(3 * i);
+    w_.noalias() += problem.delassus.middleCols<3>(3 * i) * change;
+  }
 }
 
 /// Nearest point of the cross-section of the given radius, and the state that it means.
@@ -602,14 +693,14 @@ ContactSolverReport ContactSolver::solvePart(const ContactProblem& problem, cons
   status_.assign(static_cast<std::size_t>(rho_.size()), {});
   const bool hinted = warm && acceptHint(problem, status);
   updateVelocity(problem, lambda_, w_);
+  unmoved_ = lambda_;
   if (hinted) {
     chooseFree(problem);
-    updateVelocity(problem, lambda_, w_);
   } else {
     classify(problem);
     settleStates(problem);
-    updateVelocity(problem, lambda_, w_);
   }
+  updateVelocitySince(problem, unmoved_);
   const double m = static_cast<double>(rho_.size());
   Work work;
   work.max_iterations = settings.max_iterations;

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "palpate/math/types.h"
+#include "palpate/solver/aligned_buffer.h"
 #include "palpate/solver/contact_interior.h"
 #include "palpate/solver/state_factor.h"
 
@@ -125,7 +126,8 @@ class ContactSolver {
   bool acceptHint(const ContactProblem& problem, const std::vector<ContactStatus>& hint);
   ContactStatus nearest(const FrictionCone& cone, double radius, const Eigen::Vector2d& p,
                         Eigen::Vector2d& point) const;
-  void updateVelocity(const ContactProblem& problem, const VecX& lambda, VecX& w) const;
+  void updateVelocity(const ContactProblem& problem, const VecX& lambda, VecX& w);
+  void updateVelocitySince(const ContactProblem& problem, const VecX& before);
   double residual(const ContactProblem& problem) const;
   double keepBest(const ContactProblem& problem, Best& best);
   void goTo(const ContactProblem& problem, const Best& best);
@@ -166,13 +168,12 @@ class ContactSolver {
   bool may_border_ = true;            ///< until a bordered factor was not good enough for this problem
   VecX violation_, change_;           ///< [3m] what should vanish where states leave impulses free; a Newton step
   VecX unmoved_;                      ///< [3m] impulses before it
-  // aligned, as Eigen's vectors are: otherwise the heap decides how sums are split, and the last bits with it
-  using Buffer = std::vector<double, Eigen::aligned_allocator<double>>;
-  Buffer shifted_matrix_;
+  AlignedBuffer shifted_matrix_;
+  AlignedBuffer part_velocity_;  ///< what each part of W adds to a velocity
 
   std::vector<int> order_, part_start_, waiting_;  ///< contacts by part, where each part begins
   std::vector<ContactSolver> parts_;               ///< one for each, so that sizes stay and nothing is allocated
-  Buffer part_matrix_;                             ///< a part's own problem and start
+  AlignedBuffer part_matrix_;                      ///< a part's own problem and start
   VecX part_free_, part_bias_, part_friction_, part_lambda_;
   std::vector<ContactStatus> part_status_;
 };

@@ -16,6 +16,7 @@ using Matrix = Eigen::Ref<MatX>;
 constexpr Eigen::Index kSmall = 48;  // rows up to which calls of matrix products cost more than they save
 constexpr Eigen::Index kLeaf = 8;    // columns that are eliminated one by one
 constexpr Eigen::Index kPanel = 96;  // and those that are halved down to leaves
+constexpr Eigen::Index kPartRows = 128;
 
 /// Row exchanges of the pivots [first, end) in the columns [from, to), column by column as they lie in memory.
 void exchangeRows(Matrix& a, const std::vector<int>& pivots, Eigen::Index first, Eigen::Index end, Eigen::Index from,
@@ -27,7 +28,7 @@ void exchangeRows(Matrix& a, const std::vector<int>& pivots, Eigen::Index first,
 }
 
 /// a -= factor b, for columns of which few are long.
-void subtract(double* a, const double* b, double factor, Eigen::Index size) {
+void subtractColumn(double* a, const double* b, double factor, Eigen::Index size) {
   for (Eigen::Index i = 0; i < size; ++i) a[i] -= factor * b[i];
 }
 
@@ -141,15 +142,33 @@ void luSolve(const Eigen::Ref<const MatX>& lu, const std::vector<int>& pivots, E
   const Eigen::Index n = x.size();
   for (Eigen::Index k = 0; k < n; ++k) std::swap(x[k], x[pivots[static_cast<std::size_t>(k)]]);
   if (n <= kSmall) {
-    for (Eigen::Index k = 0; k < n; ++k) subtract(&x[0] + k + 1, lu.col(k).data() + k + 1, x[k], n - k - 1);
+    for (Eigen::Index k = 0; k < n; ++k) subtractColumn(&x[0] + k + 1, lu.col(k).data() + k + 1, x[k], n - k - 1);
     for (Eigen::Index k = n; k-- > 0;) {
       x[k] /= lu(k, k);
-      subtract(&x[0], lu.col(k).data(), x[k], k);
+      subtractColumn(&x[0], lu.col(k).data(), x[k], k);
     }
     return;
   }
-  lu.triangularView<Eigen::UnitLower>().solveInPlace(x);
-  lu.triangularView<Eigen::Upper>().solveInPlace(x);
+  // mostly a matter of reading the factor: rows that are still to come are shared out
+  const auto subtract = [&](Eigen::Index row, Eigen::Index rows, Eigen::Index column, Eigen::Index columns) {
+    const int parts = static_cast<int>((rows + kPartRows - 1) / kPartRows);
+    parallelFor(parts, [&](int part) {
+      const Eigen::Index begin = row + part * kPartRows, count = std::min(kPartRows, row + rows - begin);
+      x.segment(begin, count).noalias() -= lu.block(begin, column, count, columns) * x.segment(column, columns);
+    });
+  };
+  for (Eigen::Index k = 0; k < n; k += kPanel) {
+    const Eigen::Index width = std::min(kPanel, n - k);
+    auto own = x.segment(k, width);
+    lu.block(k, k, width, width).triangularView<Eigen::UnitLower>().solveInPlace(own);
+    subtract(k + width, n - k - width, k, width);
+  }
+  for (Eigen::Index k = (n - 1) / kPanel * kPanel; k >= 0; k -= kPanel) {
+    const Eigen::Index width = std::min(kPanel, n - k);
+    auto own = x.segment(k, width);
+    lu.block(k, k, width, width).triangularView<Eigen::Upper>().solveInPlace(own);
+    subtract(0, k, k, width);
+  }
 }
 
 void luSolveColumns(const Eigen::Ref<const MatX>& lu, const std::vector<int>& pivots, Eigen::Ref<MatX> x) {

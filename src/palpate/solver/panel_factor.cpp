@@ -112,7 +112,6 @@ void PanelFactor::planUpdates() {
 void PanelFactor::planParts() {
   constexpr double kWorthwhile = 1e6;  // operations; some 50 us
   constexpr double kShare = 0.1;
-  constexpr std::size_t kMostParts = 16;
   const std::size_t count = panels_.size();
   std::vector<double> work(count, 0.0);
   std::vector<std::vector<int>> children(count);
@@ -148,7 +147,7 @@ void PanelFactor::planParts() {
     }
   }
   std::sort(trees.begin(), trees.end(), [&](int a, int b) { return less(b, a); });
-  parts_.assign(std::min(trees.size(), kMostParts), {});
+  parts_.assign(std::min<std::size_t>(trees.size(), kMostParts), {});
   std::vector<double> dealt(parts_.size(), 0.0);
   std::vector<int> part_of(count, -1);
   for (const int s : trees) {
@@ -167,27 +166,33 @@ void PanelFactor::planParts() {
   }
   for (std::vector<int>& part : parts_) std::reverse(part.begin(), part.end());
   std::reverse(top_.begin(), top_.end());
-  products_.resize(std::max<std::size_t>(parts_.size(), 1), products_.front());
+  products_.resize(top_.size() == count ? 1 : kMostParts, products_.front());
 }
 
-void PanelFactor::applyUpdate(double* values, const Panel& target, const Update& update,
-                              std::vector<double>& columns) {
-  const Panel& source = panels_[update.source];
-  const double* from = values + source.value;
+// What earlier panels take off the columns [first_column, last_column) of a panel.
+void PanelFactor::applyUpdates(double* values, int index, int first_column, int last_column,
+                               std::vector<double>& columns) {
+  const Panel& target = panels_[index];
   double* to = values + target.value;
   const int c_stride = static_cast<int>(columns.size()) / 3;
-  for (int j = update.first; j < update.last; ++j) {
-    const int count = source.rows - j;
-    product(from + 3 * j, from + 3 * j, source.stride, 3 * source.columns, 3 * count, columns.data(), c_stride);
-    const int* map = map_.data() + update.map + (j - update.first);
-    for (int c = 0; c < 3; ++c) {
-      double* column = to + static_cast<std::size_t>(3 * map[0] + c) * target.stride;
-      const double* sum = columns.data() + c * c_stride;
-      for (int r = 0; r < count; ++r) {
-        double* entry = column + 3 * map[r];
-        entry[0] -= sum[3 * r];
-        entry[1] -= sum[3 * r + 1];
-        entry[2] -= sum[3 * r + 2];
+  for (int u = update_begin_[index]; u < update_begin_[index + 1]; ++u) {
+    const Update& update = updates_[u];
+    const Panel& source = panels_[update.source];
+    const double* from = values + source.value;
+    for (int j = update.first; j < update.last; ++j) {
+      const int* map = map_.data() + update.map + (j - update.first);
+      if (map[0] < first_column || map[0] >= last_column) continue;
+      const int count = source.rows - j;
+      product(from + 3 * j, from + 3 * j, source.stride, 3 * source.columns, 3 * count, columns.data(), c_stride);
+      for (int c = 0; c < 3; ++c) {
+        double* column = to + static_cast<std::size_t>(3 * map[0] + c) * target.stride;
+        const double* sum = columns.data() + c * c_stride;
+        for (int r = 0; r < count; ++r) {
+          double* entry = column + 3 * map[r];
+          entry[0] -= sum[3 * r];
+          entry[1] -= sum[3 * r + 1];
+          entry[2] -= sum[3 * r + 2];
+        }
       }
     }
   }
@@ -195,9 +200,6 @@ void PanelFactor::applyUpdate(double* values, const Panel& target, const Update&
 
 bool PanelFactor::factorizePanel(double* values, int index, std::vector<double>& columns) {
   const Panel& panel = panels_[index];
-  for (int u = update_begin_[index]; u < update_begin_[index + 1]; ++u) {
-    applyUpdate(values, panel, updates_[u], columns);
-  }
   double* panel_values = values + panel.value;
   const int stride = panel.stride;
   const int c_stride = static_cast<int>(columns.size()) / 3;
@@ -239,10 +241,22 @@ bool PanelFactor::factorizePanel(double* values, int index, std::vector<double>&
   return true;
 }
 
+// Without parts beside it a panel's columns are shared out.
+bool PanelFactor::factorizeOnTop(double* values, int index) {
+  constexpr int kLeastColumns = 4;  // of a part
+  const int columns = panels_[index].columns;
+  const int parts = products_.size() > 1 ? std::clamp(columns / kLeastColumns, 1, kMostParts) : 1;
+  parallelFor(parts, [&](int part) {
+    applyUpdates(values, index, partBegin(part, parts, columns), partBegin(part + 1, parts, columns), products_[part]);
+  });
+  return factorizePanel(values, index, products_.front());
+}
+
 bool PanelFactor::factorize(double* values) {
   std::atomic<bool> good{true};
   parallelFor(static_cast<int>(parts_.size()), [&](int part) {
     for (const int s : parts_[part]) {
+      applyUpdates(values, s, 0, panels_[s].columns, products_[part]);
       if (!factorizePanel(values, s, products_[part])) {
         good.store(false, std::memory_order_relaxed);
         return;
@@ -250,7 +264,7 @@ bool PanelFactor::factorize(double* values) {
     }
   });
   if (!good.load(std::memory_order_relaxed)) return false;
-  return std::all_of(top_.begin(), top_.end(), [&](int s) { return factorizePanel(values, s, products_[0]); });
+  return std::all_of(top_.begin(), top_.end(), [&](int s) { return factorizeOnTop(values, s); });
 }
 
 bool PanelFactor::invertDiagonal(const double* values) {

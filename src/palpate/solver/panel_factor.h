@@ -59,8 +59,9 @@ class PanelFactor {
   };
 
   void planParts();
-  void applyUpdate(double* values, const Panel& target, const Update& update, std::vector<double>& product);
+  void applyUpdates(double* values, int panel, int first_column, int last_column, std::vector<double>& product);
   bool factorizePanel(double* values, int panel, std::vector<double>& product);
+  bool factorizeOnTop(double* values, int panel);
 
   std::vector<Panel> panels_;
   std::vector<int> rows_;
@@ -71,6 +72,7 @@ class PanelFactor {
   std::vector<int> map_;
   std::vector<std::vector<int>> parts_;  // panels of whole subtrees, which need nothing of each other
   std::vector<int> top_;                 // the others, which come after them
+  static constexpr int kMostParts = 16;
   std::vector<double> inverse_diagonal_;
   std::vector<std::vector<double>> products_;  // 3 columns of one update, for each part
   mutable std::vector<double> gather_;  // rows below a panel, for single right-hand sides

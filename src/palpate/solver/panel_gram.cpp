@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <numeric>
 
+#include "palpate/common/parallel.h"
 #include "palpate/solver/triangular_solve.h"
 
 namespace palpate {
@@ -10,6 +11,11 @@ namespace {
 
 using Map = Eigen::Map<MatX>;
 using ConstStrided = Eigen::Map<const MatX, 0, Eigen::OuterStride<>>;
+
+constexpr int kPartColumns = 32;           // contacts of a part
+constexpr Eigen::Index kMany = 128;        // contacts whose products are collected
+constexpr double kMostOf = 0.6;            // of all contacts: others' rows are collected as zeros
+constexpr Eigen::Index kCollected = 192;   // rows
 
 }  // namespace
 
@@ -63,69 +69,88 @@ void PanelGram::findReach(const PanelFactor& panels, const std::vector<int>& pos
   }
 }
 
-// Right-hand sides at a panel's rows: its own, and what its children leave there. On top of the stack, behind what they
-// left.
-double* PanelGram::makeFront(const PanelFactor& panels, int s, const BlockColumns& columns,
-                             const std::vector<int>& position) {
+std::size_t PanelGram::stackTop() const { return waiting_.empty() ? 0 : waiting_.back().offset + waiting_.back().size; }
+
+// Right-hand sides at a panel's rows, its own and what its children leave there, and what they become by the panel's
+// columns of L. On top of the stack, behind what the children left.
+void PanelGram::solveFront(const PanelFactor& panels, const double* values, int s, const BlockColumns& columns,
+                           const std::vector<int>& position, Map& front) {
   const PanelFactor::Panel& panel = panels.panels()[s];
-  const int* rows = panels.rows().data() + panel.row_begin;
+  const Eigen::Index own = 3 * panel.columns, below = front.rows() - own;
   const std::vector<int>& reach = reach_[s];
-  const Eigen::Index height = 3 * panel.rows, width = 3 * static_cast<Eigen::Index>(reach.size());
-  std::size_t top = 0;
-  if (!waiting_.empty()) {
-    const PanelFactor::Panel& last = panels.panels()[waiting_.back().panel];
-    top = waiting_.back().offset +
-          9 * static_cast<std::size_t>(last.rows - last.columns) * reach_[waiting_.back().panel].size();
-  }
-  if (stack_.size() < top + static_cast<std::size_t>(height * width)) {
-    stack_.resize(top + static_cast<std::size_t>(height * width));
-  }
-  Map front(stack_.data() + top, height, width);
-  front.setZero();
+  const int* rows = panels.rows().data() + panel.row_begin;
   for (int r = 0; r < panel.rows; ++r) row_of_[rows[r]] = r;
-  for (Eigen::Index j = 0; j < width / 3; ++j) {
-    const int c = order_[reach[j]];
-    for (int k = columns.begin[c]; k < columns.begin[c + 1]; ++k) {
-      const int node = position[columns.node[k]];
-      if (node < panel.first || node >= panel.first + panel.columns) continue;
-      front.block<3, 3>(3 * (node - panel.first), 3 * j) += columns.block[k];
+  std::size_t first_child = waiting_.size();
+  while (first_child > 0 && panels.parent(waiting_[first_child - 1].panel) == s) --first_child;
+  const int count = static_cast<int>(reach.size()), parts = 1 + (count - 1) / kPartColumns;
+  const ConstStrided l(values + panel.value, own + below, own, Eigen::OuterStride<>(panel.stride));
+  parallelFor(parts, [&](int part) {
+    const int begin = partBegin(part, parts, count), end = partBegin(part + 1, parts, count);
+    auto mine = front.middleCols(3 * begin, 3 * (end - begin));
+    mine.setZero();
+    for (int j = begin; j < end; ++j) {
+      const int c = order_[reach[j]];
+      for (int k = columns.begin[c]; k < columns.begin[c + 1]; ++k) {
+        const int node = position[columns.node[k]];
+        if (node < panel.first || node >= panel.first + panel.columns) continue;
+        front.block<3, 3>(3 * (node - panel.first), 3 * j) += columns.block[k];
+      }
     }
-  }
-  while (!waiting_.empty() && panels.parent(waiting_.back().panel) == s) {
-    const int child = waiting_.back().panel;
-    const PanelFactor::Panel& below = panels.panels()[child];
-    const int* child_rows = panels.rows().data() + below.row_begin + below.columns;
-    const int child_height = below.rows - below.columns;
-    const double* from = stack_.data() + waiting_.back().offset;
-    auto at = reach.begin();
-    for (const int c : reach_[child]) {
-      at = std::lower_bound(at, reach.end(), c);
-      for (int d = 0; d < 3; ++d, from += 3 * child_height) {
-        double* to = front.col(3 * (at - reach.begin()) + d).data();
-        for (int r = 0; r < child_height; ++r) {
-          double* entry = to + 3 * row_of_[child_rows[r]];
-          entry[0] += from[3 * r];
-          entry[1] += from[3 * r + 1];
-          entry[2] += from[3 * r + 2];
+    for (std::size_t w = waiting_.size(); w-- > first_child;) {
+      const int child = waiting_[w].panel;
+      const PanelFactor::Panel& left = panels.panels()[child];
+      const int* child_rows = panels.rows().data() + left.row_begin + left.columns;
+      const int child_height = left.rows - left.columns;
+      const std::vector<int>& from_reach = reach_[child];
+      auto from_column = std::lower_bound(from_reach.begin(), from_reach.end(), reach[begin]);
+      const double* from = stack_.data() + waiting_[w].offset + 9 * child_height * (from_column - from_reach.begin());
+      auto at = reach.begin() + begin;
+      for (; from_column != from_reach.end() && *from_column <= reach[end - 1]; ++from_column) {
+        at = std::lower_bound(at, reach.begin() + end, *from_column);
+        for (int d = 0; d < 3; ++d, from += 3 * child_height) {
+          double* to = front.col(3 * (at - reach.begin()) + d).data();
+          for (int r = 0; r < child_height; ++r) {
+            double* entry = to + 3 * row_of_[child_rows[r]];
+            entry[0] += from[3 * r];
+            entry[1] += from[3 * r + 1];
+            entry[2] += from[3 * r + 2];
+          }
         }
       }
     }
-    waiting_.pop_back();
-  }
-  return front.data();
+    solveLowerInPlace(l.topRows(own), mine.topRows(own));
+    if (below > 0) mine.bottomRows(below).noalias() -= l.bottomRows(below) * mine.topRows(own);
+  });
+  waiting_.resize(first_child);
 }
+
+namespace {
+
+// Lower triangle of out += half^T half, by tiles.
+void addGram(const Eigen::Ref<const MatX>& half, Eigen::Ref<MatX> out) {
+  constexpr Eigen::Index kTile = 192;
+  const Eigen::Index width = half.cols();
+  parallelFor(static_cast<int>((width + kTile - 1) / kTile), [&](int tile) {
+    const Eigen::Index begin = tile * kTile, own = std::min(kTile, width - begin), below = width - begin - own;
+    const auto columns = half.middleCols(begin, own);
+    out.block(begin, begin, own, own).selfadjointView<Eigen::Lower>().rankUpdate(columns.transpose());
+    if (below > 0) {
+      out.block(begin + own, begin, below, own).noalias() += half.rightCols(below).transpose() * columns;
+    }
+  });
+}
+
+}  // namespace
 
 // Half^T half at its place among the sorted columns.
 void PanelGram::addProducts(const Eigen::Ref<const MatX>& half, const std::vector<int>& reach) {
   const Eigen::Index width = half.cols();
   if (reach.back() - reach.front() + 1 == static_cast<int>(reach.size())) {
-    sorted_.block(3 * reach.front(), 3 * reach.front(), width, width)
-        .selfadjointView<Eigen::Lower>()
-        .rankUpdate(half.transpose());
+    addGram(half, sorted_.block(3 * reach.front(), 3 * reach.front(), width, width));
     return;
   }
   product_.setZero(width, width);
-  product_.selfadjointView<Eigen::Lower>().rankUpdate(half.transpose());
+  addGram(half, product_);
   const auto count = static_cast<Eigen::Index>(reach.size());
   for (Eigen::Index j = 0; j < count; ++j) {
     for (Eigen::Index i = j; i < count;) {  // runs of columns that lie together
@@ -137,51 +162,76 @@ void PanelGram::addProducts(const Eigen::Ref<const MatX>& half, const std::vecto
   }
 }
 
+// Few rows under many columns: adding their products would mostly be reading and writing the sum.
+void PanelGram::collect(const Eigen::Ref<const MatX>& half, const std::vector<int>& reach) {
+  if (collected_rows_ + half.rows() > kCollected) addCollected();
+  collected_.resize(kCollected, sorted_.cols());
+  auto rows = collected_.middleRows(collected_rows_, half.rows());
+  rows.setZero();
+  for (std::size_t j = 0; j < reach.size(); ++j) {
+    rows.middleCols<3>(3 * reach[j]) = half.middleCols<3>(static_cast<Eigen::Index>(3 * j));
+  }
+  collected_rows_ += half.rows();
+}
+
+void PanelGram::addCollected() {
+  if (collected_rows_ > 0) addGram(collected_.topRows(collected_rows_), sorted_);
+  collected_rows_ = 0;
+}
+
 void PanelGram::compute(const PanelFactor& panels, const double* values, const std::vector<int>& position,
                         const BlockColumns& columns, MatX& out) {
   const Eigen::Index size = columns.size();
   findReach(panels, position, columns);
-  sorted_.setZero(3 * size, 3 * size);
+  sorted_.resize(3 * size, 3 * size);
+  const int count = static_cast<int>(size), parts = 1 + (count - 1) / kPartColumns;
+  parallelFor(parts, [&](int part) {
+    for (int j = 3 * partBegin(part, parts, count); j < 3 * partBegin(part + 1, parts, count); ++j) {
+      sorted_.col(j).tail(3 * size - j).setZero();
+    }
+  });
   waiting_.clear();
+  collected_rows_ = 0;
   for (const int s : visit_) {
     if (reach_[s].empty()) continue;
     const PanelFactor::Panel& panel = panels.panels()[s];
     const Eigen::Index own = 3 * panel.columns, below = 3 * (panel.rows - panel.columns);
-    const auto width = 3 * static_cast<Eigen::Index>(reach_[s].size());
-    double* front_data = makeFront(panels, s, columns, position);
-    Map front(front_data, own + below, width);
-    const ConstStrided l(values + panel.value, own + below, own, Eigen::OuterStride<>(panel.stride));
-    solveLowerInPlace(l.topRows(own), front.topRows(own));
-    if (below > 0) front.bottomRows(below).noalias() -= l.bottomRows(below) * front.topRows(own);
-    addProducts(front.topRows(own), reach_[s]);
+    const auto reached = static_cast<Eigen::Index>(reach_[s].size()), width = 3 * reached;
+    const std::size_t top = stackTop();
+    grow(stack_, static_cast<Eigen::Index>(top) + (own + below) * width);
+    Map front(stack_.data() + top, own + below, width);
+    solveFront(panels, values, s, columns, position, front);
+    if (reached >= kMany && own <= kCollected / 2 && kMostOf * static_cast<double>(size) < static_cast<double>(reached)) {
+      collect(front.topRows(own), reach_[s]);
+    } else {
+      addProducts(front.topRows(own), reach_[s]);
+    }
     if (below == 0) continue;
     // what is left goes where the children's began
-    std::size_t offset = 0;
-    if (!waiting_.empty()) {
-      const PanelFactor::Panel& last = panels.panels()[waiting_.back().panel];
-      offset = waiting_.back().offset +
-               9 * static_cast<std::size_t>(last.rows - last.columns) * reach_[waiting_.back().panel].size();
-    }
+    const std::size_t offset = stackTop();
     double* to = stack_.data() + offset;
     for (Eigen::Index j = 0; j < width; ++j) {
-      const double* from = front_data + j * (own + below) + own;
+      const double* from = front.data() + j * (own + below) + own;
       std::copy(from, from + below, to + j * below);
     }
-    waiting_.push_back({s, offset});
+    waiting_.push_back({s, offset, static_cast<std::size_t>(below * width)});
   }
-  for (Eigen::Index j = 0; j < size; ++j) {
-    const Eigen::Index column = place_[j];
-    for (Eigen::Index i = j; i < size; ++i) {
-      const Eigen::Index row = place_[i];
-      if (row > column) {
-        out.block<3, 3>(3 * i, 3 * j) = sorted_.block<3, 3>(3 * row, 3 * column);
-      } else if (row < column) {
-        out.block<3, 3>(3 * i, 3 * j) = sorted_.block<3, 3>(3 * column, 3 * row).transpose();
-      } else {
-        out.block<3, 3>(3 * i, 3 * j).triangularView<Eigen::Lower>() = sorted_.block<3, 3>(3 * row, 3 * row);
+  addCollected();
+  parallelFor(parts, [&](int part) {
+    for (int j = partBegin(part, parts, count); j < partBegin(part + 1, parts, count); ++j) {
+      const Eigen::Index column = place_[j];
+      for (Eigen::Index i = j; i < size; ++i) {
+        const Eigen::Index row = place_[i];
+        if (row > column) {
+          out.block<3, 3>(3 * i, 3 * j) = sorted_.block<3, 3>(3 * row, 3 * column);
+        } else if (row < column) {
+          out.block<3, 3>(3 * i, 3 * j) = sorted_.block<3, 3>(3 * column, 3 * row).transpose();
+        } else {
+          out.block<3, 3>(3 * i, 3 * j).triangularView<Eigen::Lower>() = sorted_.block<3, 3>(3 * row, 3 * row);
+        }
       }
     }
-  }
+  });
 }
 
 double PanelGram::operations(const PanelFactor& panels, const std::vector<int>& nodes) {

@@ -3,6 +3,7 @@
 #include <vector>
 
 #include "palpate/math/types.h"
+#include "palpate/solver/aligned_buffer.h"
 #include "palpate/solver/panel_factor.h"
 
 namespace palpate {
@@ -44,9 +45,12 @@ class PanelGram {
 
  private:
   void findReach(const PanelFactor& panels, const std::vector<int>& position, const BlockColumns& columns);
-  double* makeFront(const PanelFactor& panels, int panel, const BlockColumns& columns,
-                    const std::vector<int>& position);
+  std::size_t stackTop() const;
+  void solveFront(const PanelFactor& panels, const double* values, int panel, const BlockColumns& columns,
+                  const std::vector<int>& position, Eigen::Map<MatX>& front);
   void addProducts(const Eigen::Ref<const MatX>& half, const std::vector<int>& reach);
+  void collect(const Eigen::Ref<const MatX>& half, const std::vector<int>& reach);
+  void addCollected();
 
   std::vector<int> visit_;                // panels, children before their parents and whole subtrees together
   std::vector<int> rank_;                 // of a panel in visit_
@@ -55,13 +59,15 @@ class PanelGram {
   std::vector<int> mark_;
   struct Waiting {  // what a panel leaves to its parent: rows below it x columns that reach it
     int panel;
-    std::size_t offset;
+    std::size_t offset, size;
   };
   std::vector<Waiting> waiting_;
   // aligned, as Eigen's matrices are: otherwise the heap decides how sums are split, and the last bits with it
-  std::vector<double, Eigen::aligned_allocator<double>> stack_;
-  std::vector<int> row_of_, column_of_;
+  AlignedBuffer stack_;
+  std::vector<int> row_of_;
   MatX sorted_, product_;
+  MatX collected_;  // rows of panels that most columns reach, whose products are added together
+  Eigen::Index collected_rows_ = 0;
 };
 
 }  // namespace palpate

@@ -10,6 +10,7 @@
 #include <utility>
 #include <vector>
 
+#include "palpate/common/parallel.h"
 #include "palpate/solver/node_ordering.h"
 #include "palpate/solver/panel_factor.h"
 
@@ -55,9 +56,28 @@ struct Destination {
   bool transposed;
 };
 
-void scatter(const SymmetricBlockMatrix& matrix, const std::vector<Destination>& destinations, double* to) {
-  const double* block = matrix.values.data();
-  for (const Destination& d : destinations) {
+// Parts of `count` things that are worth a thread's while.
+int partsOf(std::size_t count) {
+  constexpr std::size_t kLeast = 4096, kMost = 8;
+  return static_cast<int>(std::clamp<std::size_t>(count / kLeast, 1, kMost));
+}
+
+void setZero(std::vector<double>& values) {
+  constexpr std::size_t kLine = 8;
+  const int parts = partsOf(values.size() / kLine);
+  parallelFor(parts, [&](int part) {
+    const std::size_t begin = values.size() * static_cast<std::size_t>(part) / static_cast<std::size_t>(parts);
+    const std::size_t end = values.size() * static_cast<std::size_t>(part + 1) / static_cast<std::size_t>(parts);
+    std::fill(values.begin() + static_cast<std::ptrdiff_t>(begin), values.begin() + static_cast<std::ptrdiff_t>(end),
+              0.0);
+  });
+}
+
+void scatterPart(const SymmetricBlockMatrix& matrix, const std::vector<Destination>& destinations, int begin, int end,
+                 double* to) {
+  const double* block = matrix.values.data() + 9 * static_cast<std::ptrdiff_t>(begin);
+  for (int i = begin; i < end; ++i) {
+    const Destination& d = destinations[i];
     double* c0 = to + d.offset;
     double* c1 = c0 + d.stride;
     double* c2 = c1 + d.stride;
@@ -72,6 +92,13 @@ void scatter(const SymmetricBlockMatrix& matrix, const std::vector<Destination>&
     }
     block += 9;
   }
+}
+
+void scatter(const SymmetricBlockMatrix& matrix, const std::vector<Destination>& destinations, double* to) {
+  const int count = static_cast<int>(destinations.size()), parts = partsOf(destinations.size());
+  parallelFor(parts, [&](int part) {
+    scatterPart(matrix, destinations, partBegin(part, parts, count), partBegin(part + 1, parts, count), to);
+  });
 }
 
 }  // namespace
@@ -337,7 +364,7 @@ bool SparseCholesky::factorize(const SymmetricBlockMatrix& values) {
   m.factor = nullptr;
   if (m.order.empty()) return true;
   if (m.statistics.numeric == "compact") {
-    std::fill(m.panel_values.begin(), m.panel_values.end(), 0.0);
+    setZero(m.panel_values);
     scatter(values, m.destinations, m.panel_values.data());
     if (!m.panels.factorize(m.panel_values.data())) return false;
     m.factor = m.panel_values.data();

@@ -1,11 +1,12 @@
 #include "palpate/solver/state_factor.h"
 
-#include <Eigen/Cholesky>
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
-#include "palpate/solver/aligned_buffer.h"
+#include "palpate/common/parallel.h"
+#include "palpate/solver/dense_cholesky.h"
 #include "palpate/solver/dense_lu.h"
 #include "palpate/solver/triangular_solve.h"
 
@@ -19,6 +20,7 @@ constexpr Eigen::Index kSmall = 48;      // unknowns up to which one LU of all c
 constexpr int kLeastUnknowns = 96;       // a factor of fewer is as cheap as a border
 constexpr double kWorthBordering = 0.5;  // of a factorization's operations
 constexpr double kSameDirection = 1e-10;
+constexpr Eigen::Index kPartColumns = 32;
 const FreeDirections kOpen;
 
 struct Unknowns {
@@ -128,22 +130,22 @@ bool StateFactor::factorize(const Matrix& delassus, const VecX& rho, const std::
   grow(right_, ns * nv);
   grow(left_, ns * nv);
   grow(slip_matrix_, nv * nv);
-  grow(column_, 2 * rows);
+  constexpr int kParts = 8;
+  grow(column_, 2 * kParts * rows);
   MapX stick(stick_matrix_.data(), ns, ns), right(right_.data(), ns, nv), left(left_.data(), ns, nv);
   MapX slip(slip_matrix_.data(), nv, nv);
-  Eigen::Map<VecX> moved(column_.data(), rows), tested(column_.data() + rows, rows);
   tests_.clear();
   for (const FreeDirections& f : free) {
     if (f.dims < 3) tests_.push_back({3 * f.contact, f.dims == 2, {f.c(1, 1), f.c(2, 1)}});
   }
-  for (const FreeDirections& j : free) {
+  const auto fill = [&](const FreeDirections& j, Eigen::Map<VecX>& moved, Eigen::Map<VecX>& tested) {
     if (j.dims == 3) {
       for (const FreeDirections& i : free) {
         if (i.dims != 3) break;
         stick.block<3, 3>(i.offset, j.offset) = delassus.block<3, 3>(3 * i.contact, 3 * j.contact);
       }
       stick.diagonal().segment<3>(j.offset).array() += regularization * rho[j.contact];
-      continue;
+      return;
     }
     for (int d = 0; d < j.dims; ++d) {
       const Eigen::Index column = j.offset + d;
@@ -162,17 +164,30 @@ bool StateFactor::factorize(const Matrix& delassus, const VecX& rho, const std::
       }
       slip(column, column) += regularization * rho[j.contact] + (d == 1 ? j.curvature : 0.0);
     }
-  }
-  if (ns > 0) {
-    Eigen::Ref<MatX> in_place(stick);
-    const Eigen::LLT<Eigen::Ref<MatX>> cholesky(in_place);
-    if (cholesky.info() != Eigen::Success) return false;
-  }
+  };
+  const int closed = static_cast<int>(free.size());
+  parallelFor(kParts, [&](int part) {
+    double* workspace = column_.data() + 2 * part * rows;
+    Eigen::Map<VecX> moved(workspace, rows), tested(workspace + rows, rows);
+    for (int j = partBegin(part, kParts, closed); j < partBegin(part + 1, kParts, closed); ++j) {
+      fill(free[static_cast<std::size_t>(j)], moved, tested);
+    }
+  });
+  if (ns > 0 && !choleskyInPlace(stick)) return false;
   if (nv == 0) return true;
   if (ns > 0) {
-    solveLowerInPlace(stick, right);
-    solveLowerInPlace(stick, left);
-    slip.noalias() -= left.transpose() * right;
+    const int parts = 1 + static_cast<int>((nv - 1) / kPartColumns);
+    const auto columnsOf = [&](int part) {
+      return std::pair(partBegin(part, parts, static_cast<int>(nv)), partBegin(part + 1, parts, static_cast<int>(nv)));
+    };
+    parallelFor(2 * parts, [&](int part) {
+      const auto [begin, end] = columnsOf(part % parts);
+      solveLowerInPlace(stick, (part < parts ? right : left).middleCols(begin, end - begin));
+    });
+    parallelFor(parts, [&](int part) {
+      const auto [begin, end] = columnsOf(part);
+      slip.middleCols(begin, end - begin).noalias() -= left.transpose() * right.middleCols(begin, end - begin);
+    });
   }
   return luInPlace(slip, pivots_);
 }
@@ -291,8 +306,13 @@ bool StateFactor::formBorder(const Matrix& delassus, const VecX& rho) {
       schur(v, i) = gained ? velocity.along.dot(moved.segment<3>(3 * velocity.contact)) : 0.0;
     }
   }
-  solveBase(columns);
-  schur.noalias() -= held.transpose() * columns;
+  const int parts = 1 + static_cast<int>((k - 1) / kPartColumns);
+  parallelFor(parts, [&](int part) {
+    const int begin = partBegin(part, parts, static_cast<int>(k)), end = partBegin(part + 1, parts, static_cast<int>(k));
+    auto own = columns.middleCols(begin, end - begin);
+    solveBase(own);
+    schur.middleCols(begin, end - begin).noalias() -= held.transpose() * own;
+  });
   operations_ += borderCost(static_cast<double>(n), static_cast<double>(k));
   return luInPlace(schur, border_pivots_);
 }

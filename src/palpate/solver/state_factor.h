@@ -3,6 +3,7 @@
 #include <vector>
 
 #include "palpate/math/types.h"
+#include "palpate/solver/aligned_buffer.h"
 
 namespace palpate {
 
@@ -47,7 +48,6 @@ class StateFactor {
 
  private:
   // aligned, as Eigen's vectors are: otherwise the heap decides how sums are split, and the last bits with it
-  using Buffer = std::vector<double, Eigen::aligned_allocator<double>>;
   using Matrix = Eigen::Ref<const MatX>;
   /// A direction that a contact's state lost (an impulse held at zero, a velocity let go) or gained.
   struct Direction {
@@ -79,14 +79,14 @@ class StateFactor {
   bool blocks_ = false;  ///< a Cholesky factor of the sticking rows and an LU of the rest's Schur complement, or one LU
   double regularization_ = 0.0;
   double operations_ = 0.0;
-  Buffer stick_matrix_, right_, left_, slip_matrix_, column_;  ///< factor of base_'s system, by blocks
+  AlignedBuffer stick_matrix_, right_, left_, slip_matrix_, column_;  ///< factor of base_'s system, by blocks
   std::vector<Test> tests_;
   std::vector<int> pivots_;
 
   Eigen::Index border_ = 0;
   std::vector<int> base_at_, free_at_;            ///< [m] where a contact is in base_ and in free, or -1
   std::vector<Direction> impulses_, velocities_;  ///< [k] the border's columns and rows
-  Buffer border_columns_, border_rows_, schur_, rhs_, border_rhs_;
+  AlignedBuffer border_columns_, border_rows_, schur_, rhs_, border_rhs_;
   std::vector<int> border_pivots_;
 };
 
