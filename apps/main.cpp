@@ -2,10 +2,12 @@
 #include <cstdio>
 #include <exception>
 #include <new>
+#include <optional>
 #include <string>
 
 #include "commands.h"
 #include "palpate/common/error.h"
+#include "palpate/threads/thread_team.h"
 
 namespace {
 
@@ -26,6 +28,17 @@ int fail(const std::string& message, int code) {
 
 int main(int argc, char** argv) {
   CLI::App app("Palpate: feel soft things with soft tools. One subcommand a job; each has --help.");
+  app.fallthrough();  // options of the program may stand behind the subcommand
+  int threads = palpate::ThreadTeam::suitable();
+  app.add_option("--threads", threads, "Threads that work on a visual step; results do not depend on it")
+      ->check(CLI::Range(1, palpate::ThreadTeam::kMaxThreads))
+      ->capture_default_str();
+  std::optional<palpate::ThreadTeam> team;
+  std::optional<palpate::ExecutorScope> scope;
+  app.parse_complete_callback([&] {  // before the subcommand's own
+    team.emplace(threads);
+    scope.emplace(&*team);
+  });
   app.set_version_flag("--version", PALPATE_VERSION);
   app.require_subcommand(1);
   palpate::addViewCommand(app);

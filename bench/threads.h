@@ -2,7 +2,7 @@
 
 #include <cstdlib>
 
-#include "palpate/session/thread_team.h"
+#include "palpate/threads/thread_team.h"
 
 namespace palpate {
 

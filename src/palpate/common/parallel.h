@@ -6,7 +6,7 @@
 namespace palpate {
 
 /// Runs the parts of a loop, perhaps on several threads. What is in here knows no threads: they come from outside
-/// (session/thread_team.h), and without them loops run one part after the other.
+/// (threads/thread_team.h), and without them loops run one part after the other.
 class Executor {
  public:
   virtual ~Executor() = default;

@@ -18,6 +18,7 @@
 
 #include "palpate/common/error.h"
 #include "palpate/common/overloaded.h"
+#include "palpate/common/parallel.h"
 #include "palpate/live/recorder.h"
 #include "palpate/scene/overrides.h"
 #include "palpate/session/method.h"
@@ -464,7 +465,10 @@ LiveRun::~LiveRun() { stop(); }
 void LiveRun::start() {
   impl_->load(impl_->base, "");
   if (impl_->options.record_from_start) impl_->record(true);
-  impl_->thread = std::thread([this] { impl_->run(); });
+  impl_->thread = std::thread([this, executor = Executor::current()] {
+    const ExecutorScope scope(executor);
+    impl_->run();
+  });
 }
 
 void LiveRun::stop() {

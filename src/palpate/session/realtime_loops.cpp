@@ -100,7 +100,8 @@ void RealtimeLoops::start(double speed, double until) {
   visual_done_.store(false);
   failure_ = nullptr;
   start_ = std::chrono::steady_clock::now() + kStartDelay;
-  visual_ = std::thread([this, speed, origin = time()] {
+  visual_ = std::thread([this, speed, origin = time(), executor = Executor::current()] {
+    const ExecutorScope scope(executor);
     try {
       runVisual(speed, origin);
     } catch (...) {  // the haptic loop must end too

@@ -17,7 +17,8 @@
 namespace palpate {
 
 /// The two loops of a run in real time, each on a thread of its own, which can be stopped and started again: the run
-/// goes on where it stood. All calls but the loops themselves come from one thread, the owner's.
+/// goes on where it stood. All calls but the loops themselves come from one thread, the owner's, whose Executor the
+/// visual loop takes over while it runs.
 class RealtimeLoops {
  public:
   /// Called on the visual loop's thread after each step.

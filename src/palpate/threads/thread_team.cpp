@@ -1,4 +1,4 @@
-#include "palpate/session/thread_team.h"
+#include "palpate/threads/thread_team.h"
 
 #include <algorithm>
 #include <chrono>

@@ -1,0 +1,155 @@
+#include "palpate/threads/thread_team.h"
+
+#include <gtest/gtest.h>
+
+#include <atomic>
+#include <chrono>
+#include <numeric>
+#include <stdexcept>
+#include <thread>
+#include <vector>
+
+#include "palpate/common/error.h"
+
+namespace palpate {
+namespace {
+
+TEST(PartBegin, CoversEverythingOnce) {
+  for (const int count : {0, 1, 5, 64, 1000003}) {
+    for (const int parts : {1, 2, 3, 7, 64}) {
+      EXPECT_EQ(partBegin(0, parts, count), 0);
+      EXPECT_EQ(partBegin(parts, parts, count), count);
+      for (int i = 0; i < parts; ++i) {
+        const int size = partBegin(i + 1, parts, count) - partBegin(i, parts, count);
+        EXPECT_GE(size, count / parts);
+        EXPECT_LE(size, count / parts + 1);
+      }
+    }
+  }
+}
+
+TEST(ParallelFor, WithoutExecutorRunsInOrderOnTheCaller) {
+  std::vector<int> order;
+  parallelFor(5, [&](int i) { order.push_back(i); });
+  EXPECT_EQ(order, (std::vector<int>{0, 1, 2, 3, 4}));
+}
+
+class Teams : public ::testing::TestWithParam<int> {};
+INSTANTIATE_TEST_SUITE_P(Threads, Teams, ::testing::Values(1, 2, 4));
+
+TEST_P(Teams, RunsEachPartOnceAndSeesWhatItLeft) {
+  ThreadTeam team(GetParam());
+  EXPECT_EQ(team.threads(), GetParam());
+  const ExecutorScope scope(&team);
+  for (const int parts : {0, 1, 2, 3, 17, 1000}) {
+    for (int round = 0; round < 50; ++round) {
+      std::vector<int> count(static_cast<std::size_t>(parts), 0);
+      parallelFor(parts, [&](int i) { ++count[static_cast<std::size_t>(i)]; });
+      EXPECT_EQ(count, std::vector<int>(static_cast<std::size_t>(parts), 1));
+    }
+  }
+}
+
+// A thread that is late must not take a part of the next loop for one of the last.
+TEST_P(Teams, LoopsThatFollowQuicklyDoNotMix) {
+  ThreadTeam team(GetParam());
+  const ExecutorScope scope(&team);
+  std::vector<long> sum(3, 0);
+  constexpr int kLoops = 30000;
+  for (int loop = 0; loop < kLoops; ++loop) {
+    const long add = loop;
+    parallelFor(3, [&sum, add](int i) { sum[static_cast<std::size_t>(i)] += add; });
+  }
+  const long expected = static_cast<long>(kLoops) * (kLoops - 1) / 2;
+  for (const long s : sum) EXPECT_EQ(s, expected);
+}
+
+TEST_P(Teams, WakesFromSleep) {
+  ThreadTeam team(GetParam());
+  const ExecutorScope scope(&team);
+  for (int round = 0; round < 10; ++round) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(3));
+    if (round % 2 == 0) team.wake();
+    std::atomic<int> sum{0};
+    parallelFor(100, [&](int i) { sum += i; });
+    EXPECT_EQ(sum.load(), 4950);
+  }
+}
+
+TEST_P(Teams, PartsAreTakenByWhoeverIsFree) {
+  ThreadTeam team(GetParam());
+  const ExecutorScope scope(&team);
+  std::vector<std::thread::id> who(200);
+  parallelFor(200, [&](int i) {
+    std::this_thread::sleep_for(std::chrono::microseconds(100));
+    who[static_cast<std::size_t>(i)] = std::this_thread::get_id();
+  });
+  std::sort(who.begin(), who.end());
+  EXPECT_EQ(std::unique(who.begin(), who.end()) - who.begin(), GetParam());
+}
+
+TEST_P(Teams, LoopsWithinPartsRunInThem) {
+  ThreadTeam team(GetParam());
+  const ExecutorScope scope(&team);
+  std::vector<int> sum(8, 0);
+  parallelFor(8, [&](int i) {
+    const auto own = std::this_thread::get_id();
+    EXPECT_EQ(Executor::current(), nullptr);
+    parallelFor(10, [&](int j) {
+      EXPECT_EQ(std::this_thread::get_id(), own);
+      sum[static_cast<std::size_t>(i)] += j;
+    });
+  });
+  EXPECT_EQ(sum, std::vector<int>(8, 45));
+  EXPECT_EQ(Executor::current(), &team);
+}
+
+TEST_P(Teams, RethrowsAndGoesOn) {
+  ThreadTeam team(GetParam());
+  const ExecutorScope scope(&team);
+  for (int round = 0; round < 20; ++round) {
+    EXPECT_THROW(parallelFor(30,
+                             [&](int i) {
+                               if (i % 10 == 3) throw std::runtime_error("part");
+                             }),
+                 std::runtime_error);
+    EXPECT_EQ(Executor::current(), &team);
+    std::atomic<int> count{0};
+    EXPECT_NO_THROW(parallelFor(30, [&](int) { ++count; }));
+    EXPECT_EQ(count.load(), 30);
+  }
+  EXPECT_THROW(parallelFor(ThreadTeam::kMaxParts + 1, [](int) {}), RunError);
+}
+
+// As the loops of a live run do: the page's thread steps while the visual loop stands still.
+TEST_P(Teams, ServesOneThreadAfterTheOther) {
+  ThreadTeam team(GetParam());
+  for (int round = 0; round < 20; ++round) {
+    std::vector<int> count(50, 0);
+    std::thread asking([&] {
+      const ExecutorScope scope(&team);
+      for (int k = 0; k < 20; ++k) parallelFor(50, [&](int i) { ++count[static_cast<std::size_t>(i)]; });
+    });
+    asking.join();
+    EXPECT_EQ(std::accumulate(count.begin(), count.end(), 0), 1000);
+  }
+}
+
+TEST(ThreadTeam, EndsWhateverItsThreadsDo) {
+  for (int round = 0; round < 200; ++round) {
+    ThreadTeam team(3);
+    const ExecutorScope scope(&team);
+    if (round % 3 == 1) parallelFor(4, [](int) {});
+    if (round % 3 == 2) std::this_thread::sleep_for(std::chrono::microseconds(20 * round));
+  }
+}
+
+TEST(ThreadTeam, TakesWhatItCan) {
+  EXPECT_EQ(ThreadTeam(0).threads(), 1);
+  EXPECT_EQ(ThreadTeam(-5).threads(), 1);
+  EXPECT_GE(ThreadTeam::suitable(), 1);
+  EXPECT_LE(ThreadTeam::suitable(), 4);
+}
+
+}  // namespace
+}  // namespace palpate
