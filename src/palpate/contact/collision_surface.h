@@ -155,8 +155,8 @@ class CollisionSurface {
   }
   /// In the order of trianglesOfCluster().
   std::span<const MovingBox> triangleBoxes(int cluster) const {
-    if (claimTriangleBoxes(cluster)) makeTriangleBoxes(cluster);
     const auto c = static_cast<size_t>(cluster);
+    if (boxes_made_at_[c] != refits_ && claimTriangleBoxes(cluster)) makeTriangleBoxes(cluster);
     return {triangle_boxes_.data() + cluster_offset_[c],
             static_cast<size_t>(cluster_offset_[c + 1] - cluster_offset_[c])};
   }

@@ -10,6 +10,7 @@
 #include <thread>
 
 #include "palpate/common/error.h"
+#include "palpate/common/parallel.h"
 #include "palpate/haptics/device_filter.h"
 #include "palpate/scene/checks.h"
 #include "palpate/scene/overrides.h"
@@ -74,6 +75,7 @@ class Jobs {
         }
       }
     };
+    const ExecutorScope alone(nullptr);  // runs side by side need no help within
     std::vector<std::thread> threads;
     for (int k = 1; k < kThreads; ++k) threads.emplace_back(worker);
     worker();

@@ -53,6 +53,8 @@ inline void product(const double* a, const double* b, int stride, int depth, int
   }
 }
 
+constexpr std::size_t kRoom = 16;  // doubles
+
 inline bool isPivot(double d) { return d > 0.0 && d <= std::numeric_limits<double>::max(); }
 
 }  // namespace
@@ -83,6 +85,13 @@ int PanelFactor::parent(int panel) const {
 }
 
 void PanelFactor::planUpdates() {
+  // room between panels: packs read beyond a panel's end, where another thread may be writing
+  value_count_ = 0;
+  for (Panel& panel : panels_) {
+    panel.value = value_count_;
+    const std::size_t size = static_cast<std::size_t>(panel.stride) * 3 * panel.columns;
+    value_count_ += (size / kRoom + 2) * kRoom;
+  }
   std::vector<std::vector<Update>> by_target(panels_.size());
   std::vector<int> position(panel_of_.size());
   // sources in ascending order, target by target: the order of the sums is fixed

@@ -24,7 +24,7 @@ class PanelFactor {
 
   /// Panels in order of their columns; `rows`: node of each panel row, ascending within a panel.
   void setStructure(std::vector<Panel> panels, std::vector<int> rows);
-  /// Precomputes where each panel's updates go; needed by factorize() only.
+  /// Precomputes where each panel's updates go; needed by factorize() only. Moves the panels' values apart.
   void planUpdates();
 
   /// Turns panels of P A P^T (lower triangle; what the pattern lacks is zero) into those of L. False if a pivot is not

@@ -349,10 +349,10 @@ void SparseCholesky::analyze(const SymmetricBlockMatrix& pattern, std::span<cons
   m.active.assign(m.panels.panels().size(), 0);
   m.work.assign(static_cast<std::size_t>(3 * pattern.size) * 16, 0.0);
   m.factor = nullptr;
+  if (compact) m.panels.planUpdates();
   m.buildDestinations(pattern);
   m.panel_values.assign(m.panels.valueCount() + PanelFactor::kPadding, 0.0);
   m.permuted_values.assign(compact ? 0 : m.permuted_row.size(), 0.0);
-  if (compact) m.panels.planUpdates();
   m.permuted.x = m.permuted_values.data();
   m.permuted.xtype = compact ? CHOLMOD_PATTERN : CHOLMOD_REAL;
 }
