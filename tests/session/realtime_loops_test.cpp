@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <atomic>
 #include <chrono>
 #include <limits>
 #include <string>
@@ -74,6 +75,38 @@ TEST(RealtimeLoops, EndByThemselves) {
   EXPECT_TRUE(loops.ended());
   loops.stop();
   EXPECT_LE(loops.time(), 0.1 + 1e-9);
+}
+
+class Counting : public Executor {
+ public:
+  explicit Counting(int threads) : threads_(threads) {}
+  void run(int parts, void (*part)(void*, int), void* loop) override {
+    ++loops;
+    for (int i = 0; i < parts; ++i) part(loop, i);
+  }
+  int threads() const override { return threads_; }
+  std::atomic<int> loops{0};
+
+ private:
+  int threads_;
+};
+
+// What the visual loop's helpers leave to the haptic loop: real-time priority, or a core.
+TEST(RealtimeLoops, HelpersLeaveRoom) {
+  bool granted = false;
+  std::thread([&granted] { granted = requestRealtime(80).scheduled; }).join();
+  const int cores = static_cast<int>(std::thread::hardware_concurrency());
+  for (const int threads : {cores - 1, cores}) {
+    BuiltScene scene = buildScene(cube());
+    RealtimeLoops loops(scene, timingOf(cube()), {});
+    Counting helpers(threads);
+    const ExecutorScope scope(&helpers);
+    std::vector<TickRecord> ticks;
+    loops.start(1.0, kForever);
+    waitForTicks(loops, ticks, 300);
+    loops.stop();
+    EXPECT_EQ(helpers.loops > 0, granted || threads < cores) << threads << " threads";
+  }
 }
 
 // Steps taken one by one are the steps of a lockstep run without latency.

@@ -5,8 +5,8 @@
 #include <vector>
 
 #include "../simulation/scenes.h"
-#include "palpate/mesh/implicit_surface.h"
 #include "palpate/mesh/embed_surface.h"
+#include "palpate/mesh/implicit_surface.h"
 #include "palpate/threads/thread_team.h"
 
 namespace palpate::test {

@@ -13,6 +13,8 @@ class Executor {
   /// Calls part(loop, i) once for each i in [0, parts), in any order and on any thread, and returns when all are done.
   /// Rethrows one of the exceptions that parts threw.
   virtual void run(int parts, void (*part)(void* loop, int i), void* loop) = 0;
+  /// How many threads may be at work on a loop, the calling one included.
+  virtual int threads() const = 0;
   /// Loops are about to come: threads that sleep may get up meanwhile.
   virtual void wake() noexcept {}
 

@@ -77,13 +77,20 @@ void RealtimeLoops::runHaptic(double speed, std::int64_t last) {
   haptic_done_.store(true, std::memory_order_release);
 }
 
-void RealtimeLoops::runVisual(double speed, double origin) {
+// A haptic thread of ordinary priority that finds threads at work on every core misses twice as many ticks.
+bool RealtimeLoops::leavesRoom(const Executor* executor) const {
+  if (executor == nullptr || !asked_.load(std::memory_order_acquire)) return false;
+  return grant_.scheduled || executor->threads() < static_cast<int>(std::thread::hardware_concurrency());
+}
+
+void RealtimeLoops::runVisual(double speed, double origin, Executor* executor) {
   PeriodicClock clock(timing_.visual_step / speed);
   clock.start(start_);
   while (!stop_.load(std::memory_order_relaxed) && !haptic_done_.load(std::memory_order_acquire)) {
     const std::int64_t k = clock.wait(visual_report_);
     const DeviceState* device = samples_.read();
     if (device == nullptr) continue;
+    const ExecutorScope scope(leavesRoom(executor) ? executor : nullptr);
     const double elapsed = std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count();
     const double lateness = elapsed - static_cast<double>(k) * timing_.visual_step / speed;
     stepAt(origin + elapsed * speed, lateness, *device);
@@ -101,9 +108,8 @@ void RealtimeLoops::start(double speed, double until) {
   failure_ = nullptr;
   start_ = std::chrono::steady_clock::now() + kStartDelay;
   visual_ = std::thread([this, speed, origin = time(), executor = Executor::current()] {
-    const ExecutorScope scope(executor);
     try {
-      runVisual(speed, origin);
+      runVisual(speed, origin, executor);
     } catch (...) {  // the haptic loop must end too
       failure_ = std::current_exception();
       stop_.store(true);

@@ -8,6 +8,7 @@
 #include <string>
 #include <thread>
 
+#include "palpate/common/parallel.h"
 #include "palpate/haptics/device_filter.h"
 #include "palpate/haptics/exchange.h"
 #include "palpate/haptics/realtime.h"
@@ -18,7 +19,8 @@ namespace palpate {
 
 /// The two loops of a run in real time, each on a thread of its own, which can be stopped and started again: the run
 /// goes on where it stood. All calls but the loops themselves come from one thread, the owner's, whose Executor the
-/// visual loop takes over while it runs.
+/// visual loop takes over while it runs: unless the haptic loop was refused real-time priority and would have no core
+/// left.
 class RealtimeLoops {
  public:
   /// Called on the visual loop's thread after each step.
@@ -67,7 +69,8 @@ class RealtimeLoops {
 
  private:
   void runHaptic(double speed, std::int64_t last);
-  void runVisual(double speed, double origin);
+  void runVisual(double speed, double origin, Executor* executor);
+  bool leavesRoom(const Executor* executor) const;
   TickRecord tickAt(std::int64_t k, const DeviceState& device, const HandleModel* model);
   void stepAt(double now, double lateness, const DeviceState& device);
 

@@ -142,7 +142,7 @@ class ContactStage {
   std::vector<char> kept_islands_;            // of the present pass: as they were in the one before, and solved
   std::vector<int> root_, of_root_, island_;  // while islands are found: of bodies, islands of roots, of contacts
   std::vector<std::pair<std::uint64_t, int>> keys_;  // of the contacts, sorted
-  struct IslandSolver {  // one an island, so that sizes stay
+  struct IslandSolver {                              // one an island, so that sizes stay
     ContactSolver solver;
     VecX free, bias, friction, impulse;
     std::vector<ContactStatus> status;

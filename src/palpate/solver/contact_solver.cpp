@@ -225,7 +225,8 @@ void ContactSolver::updateVelocity(const ContactProblem& problem, const VecX& la
     }
     for (; j < own; ++j) addBothWays<1>(problem.delassus, begin + own, begin + j, lambda, share.data());
   });
-  for (int part = 0; part < parts; ++part) w.tail(rows - part * kColumns) += shares.col(part).tail(rows - part * kColumns);
+  for (int part = 0; part < parts; ++part)
+    w.tail(rows - part * kColumns) += shares.col(part).tail(rows - part * kColumns);
 }
 
 /// After some impulses have changed from what they were when w_ was theirs.

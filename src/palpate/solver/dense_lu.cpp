@@ -80,7 +80,8 @@ bool factorizeSmall(Matrix& a, std::vector<int>& pivots) {
 void eliminate(Matrix& a, Eigen::Index first, Eigen::Index end, Eigen::Index from, Eigen::Index to) {
   const Eigen::Index width = end - first, below = a.rows() - end, columns = to - from;
   solveUnitLowerInPlace(a.block(first, first, width, width), a.block(first, from, width, columns));
-  a.block(end, from, below, columns).noalias() -= a.block(end, first, below, width) * a.block(first, from, width, columns);
+  a.block(end, from, below, columns).noalias() -=
+      a.block(end, first, below, width) * a.block(first, from, width, columns);
 }
 
 /// Factor of the columns [first, end) from row `first` on, by halves; exchanges rows in these columns only.

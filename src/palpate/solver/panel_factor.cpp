@@ -130,7 +130,8 @@ void PanelFactor::planParts() {
     work[s] += width * width * height;
     for (int u = update_begin_[s]; u < update_begin_[s + 1]; ++u) {
       const Panel& source = panels_[updates_[u].source];
-      work[s] += 18.0 * (updates_[u].last - updates_[u].first) * (source.rows - updates_[u].first) * 3.0 * source.columns;
+      work[s] +=
+          18.0 * (updates_[u].last - updates_[u].first) * (source.rows - updates_[u].first) * 3.0 * source.columns;
     }
     const int above = parent(static_cast<int>(s));
     if (above < 0) {

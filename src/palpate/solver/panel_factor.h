@@ -75,7 +75,7 @@ class PanelFactor {
   static constexpr int kMostParts = 16;
   std::vector<double> inverse_diagonal_;
   std::vector<std::vector<double>> products_;  // 3 columns of one update, for each part
-  mutable std::vector<double> gather_;  // rows below a panel, for single right-hand sides
+  mutable std::vector<double> gather_;         // rows below a panel, for single right-hand sides
 };
 
 }  // namespace palpate

@@ -12,10 +12,10 @@ namespace {
 using Map = Eigen::Map<MatX>;
 using ConstStrided = Eigen::Map<const MatX, 0, Eigen::OuterStride<>>;
 
-constexpr int kPartColumns = 32;           // contacts of a part
-constexpr Eigen::Index kMany = 128;        // contacts whose products are collected
-constexpr double kMostOf = 0.6;            // of all contacts: others' rows are collected as zeros
-constexpr Eigen::Index kCollected = 192;   // rows
+constexpr int kPartColumns = 32;          // contacts of a part
+constexpr Eigen::Index kMany = 128;       // contacts whose products are collected
+constexpr double kMostOf = 0.6;           // of all contacts: others' rows are collected as zeros
+constexpr Eigen::Index kCollected = 192;  // rows
 
 }  // namespace
 
@@ -201,7 +201,8 @@ void PanelGram::compute(const PanelFactor& panels, const double* values, const s
     grow(stack_, static_cast<Eigen::Index>(top) + (own + below) * width);
     Map front(stack_.data() + top, own + below, width);
     solveFront(panels, values, s, columns, position, front);
-    if (reached >= kMany && own <= kCollected / 2 && kMostOf * static_cast<double>(size) < static_cast<double>(reached)) {
+    if (reached >= kMany && own <= kCollected / 2 &&
+        kMostOf * static_cast<double>(size) < static_cast<double>(reached)) {
       collect(front.topRows(own), reach_[s]);
     } else {
       addProducts(front.topRows(own), reach_[s]);

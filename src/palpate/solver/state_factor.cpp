@@ -308,7 +308,8 @@ bool StateFactor::formBorder(const Matrix& delassus, const VecX& rho) {
   }
   const int parts = 1 + static_cast<int>((k - 1) / kPartColumns);
   parallelFor(parts, [&](int part) {
-    const int begin = partBegin(part, parts, static_cast<int>(k)), end = partBegin(part + 1, parts, static_cast<int>(k));
+    const int begin = partBegin(part, parts, static_cast<int>(k)),
+              end = partBegin(part + 1, parts, static_cast<int>(k));
     auto own = columns.middleCols(begin, end - begin);
     solveBase(own);
     schur.middleCols(begin, end - begin).noalias() -= held.transpose() * own;

@@ -43,7 +43,10 @@ ThreadTeam::~ThreadTeam() {
   for (std::thread& worker : workers_) worker.join();
 }
 
-int ThreadTeam::suitable() { return std::clamp(static_cast<int>(std::thread::hardware_concurrency()), 1, 4); }
+int ThreadTeam::suitable() {
+  const int cores = static_cast<int>(std::thread::hardware_concurrency());
+  return std::clamp(cores > 2 ? cores - 1 : cores, 1, 4);
+}
 
 // Takes the next part of the ticket's loop, if it has one and is still the present one; brings the ticket up to date.
 bool ThreadTeam::takePart(std::uint64_t& ticket) noexcept {

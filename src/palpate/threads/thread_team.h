@@ -25,10 +25,10 @@ class ThreadTeam : public Executor {
   ThreadTeam(const ThreadTeam&) = delete;
   ThreadTeam& operator=(const ThreadTeam&) = delete;
 
-  /// What this machine lets the process have, at most four: beyond, a visual step gains next to nothing.
+  /// Cores that the process may use, less one for other threads where there are more than two; at most four.
   static int suitable();
 
-  int threads() const { return static_cast<int>(workers_.size()) + 1; }
+  int threads() const override { return static_cast<int>(workers_.size()) + 1; }
   void run(int parts, void (*part)(void* loop, int i), void* loop) override;
   void wake() noexcept override;
 
