@@ -122,7 +122,8 @@ bool StateFactor::prepare(const Matrix& delassus, const VecX& rho, const std::ve
 bool StateFactor::factorize(const Matrix& delassus, const VecX& rho, const std::vector<FreeDirections>& free,
                             double regularization) {
   const Eigen::Index rows = delassus.rows();
-  const auto [ns, nv] = count(free);
+  const Unknowns unknowns = count(free);
+  const Eigen::Index ns = unknowns.stick, nv = unknowns.slip;  // clang 14 does not capture bindings
   stick_unknowns_ = static_cast<int>(ns);
   blocks_ = ns + nv > kSmall;
   if (!blocks_) return factorizeWhole(delassus, rho, free, regularization);
