@@ -415,7 +415,7 @@ void SurfacePairFinder::testMeeting(Search& s) {
     }
   });
   const int parts = std::min(count, kMostParts);
-  if (workspace_.size() < static_cast<size_t>(parts)) workspace_.resize(static_cast<size_t>(parts));
+  workspace_.resize(kMostParts);
   parallelFor(parts, [&](int part) {
     Workspace& workspace = workspace_[static_cast<size_t>(part)];
     workspace.found.clear();
@@ -428,6 +428,21 @@ void SurfacePairFinder::testMeeting(Search& s) {
     }
     workspace.first_hit = own.first_hit;
   });
+  // which part finds how much changes from search to search: room in one is room in all
+  std::array<size_t, 3> room{};
+  const auto roomOf = [](const Workspace& w) {
+    return std::array<size_t, 3>{w.a.capacity(), w.b.capacity(), w.found.capacity()};
+  };
+  for (const Workspace& w : workspace_) {
+    const std::array<size_t, 3> own = roomOf(w);
+    for (size_t k = 0; k < 3; ++k) room[k] = std::max(room[k], own[k]);
+  }
+  for (Workspace& w : workspace_) {
+    if (roomOf(w) == room) continue;
+    w.a.reserve(room[0]);
+    w.b.reserve(room[1]);
+    w.found.reserve(room[2]);
+  }
   for (int part = 0; part < parts; ++part) {
     const Workspace& workspace = workspace_[static_cast<size_t>(part)];
     s.out->insert(s.out->end(), workspace.found.begin(), workspace.found.end());
