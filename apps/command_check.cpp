@@ -8,10 +8,10 @@
 #include "commands.h"
 #include "palpate/common/error.h"
 #include "palpate/haptics/device_filter.h"
-#include "palpate/linearization/check.h"
 #include "palpate/record/json_file.h"
 #include "palpate/record/output_folder.h"
 #include "palpate/session/lockstep.h"
+#include "palpate/study/check.h"
 #include "scene_options.h"
 
 namespace palpate {

@@ -8,7 +8,7 @@
 #include "palpate/record/output_folder.h"
 #include "palpate/scene/overrides.h"
 #include "palpate/scene/reader.h"
-#include "palpate/session/evaluate.h"
+#include "palpate/study/evaluate.h"
 #include "progress.h"
 
 namespace palpate {

@@ -3,7 +3,7 @@
 #include <memory>
 
 #include "commands.h"
-#include "palpate/mesh/mesh_commands.h"
+#include "mesh_commands.h"
 
 namespace palpate {
 namespace {

@@ -6,9 +6,9 @@
 #include "commands.h"
 #include "palpate/common/error.h"
 #include "palpate/devices/recorded_device.h"
-#include "palpate/live/recorder.h"
-#include "palpate/session/run_files.h"
-#include "palpate/session/snapshots.h"
+#include "palpate/interactive/recorder.h"
+#include "palpate/results/run_files.h"
+#include "palpate/results/snapshots.h"
 #include "progress.h"
 #include "scene_options.h"
 

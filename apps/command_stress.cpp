@@ -8,7 +8,7 @@
 #include "commands.h"
 #include "palpate/record/json_file.h"
 #include "palpate/record/output_folder.h"
-#include "palpate/session/stress.h"
+#include "palpate/study/stress.h"
 #include "progress.h"
 #include "scene_options.h"
 

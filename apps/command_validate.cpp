@@ -3,7 +3,7 @@
 #include <memory>
 
 #include "commands.h"
-#include "palpate/session/builder.h"
+#include "palpate/scene/builder.h"
 #include "scene_options.h"
 
 namespace palpate {

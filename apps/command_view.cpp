@@ -10,7 +10,7 @@
 #include "commands.h"
 #include "page.h"
 #include "palpate/common/error.h"
-#include "palpate/live/live_run.h"
+#include "palpate/interactive/live_run.h"
 #include "scene_options.h"
 #include "serve.h"
 

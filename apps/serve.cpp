@@ -5,7 +5,7 @@
 #include <cstdio>
 #include <nlohmann/json.hpp>
 
-#include "palpate/live/messages.h"
+#include "palpate/protocol/messages.h"
 
 namespace palpate {
 

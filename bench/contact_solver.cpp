@@ -1,14 +1,14 @@
 // Contact solver: cold, and warm from the step before, against other methods (contact_rivals.h). Counters: iterations
 // of the last solve, residual relative to the largest velocity, sticking contacts, slipping ones.
 
-#include "palpate/solver/contact_solver.h"
+#include "palpate/friction/contact_solver.h"
 
 #include <benchmark/benchmark.h>
 
 #include <algorithm>
 
-#include "../tests/solver/coupled_problems.h"
-#include "contact_rivals.h"
+#include "shared/contact_rivals.h"
+#include "shared/coupled_problems.h"
 
 namespace palpate {
 namespace {

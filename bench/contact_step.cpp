@@ -14,7 +14,7 @@
 #include "palpate/mesh/implicit_surface.h"
 #include "palpate/mesh/shapes.h"
 #include "palpate/mesh/surface_measures.h"
-#include "palpate/session/statistics.h"
+#include "palpate/results/statistics.h"
 #include "palpate/simulation/world.h"
 #include "threads.h"
 

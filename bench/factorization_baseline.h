@@ -1,6 +1,6 @@
 #pragma once
 
-#include "palpate/solver/symmetric_block_matrix.h"
+#include "palpate/linear/symmetric_block_matrix.h"
 
 namespace palpate::bench {
 

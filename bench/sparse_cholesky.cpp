@@ -1,6 +1,6 @@
 // The factorization beside general-purpose libraries, its solves, and four ways to form W = J A^-1 J^T.
 
-#include "palpate/solver/sparse_cholesky.h"
+#include "palpate/linear/sparse_cholesky.h"
 
 #include <benchmark/benchmark.h>
 
@@ -12,7 +12,7 @@
 #include <vector>
 
 #include "factorization_baseline.h"
-#include "lattice_matrices.h"
+#include "shared/lattice_matrices.h"
 
 namespace palpate::bench {
 namespace {

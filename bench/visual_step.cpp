@@ -10,10 +10,10 @@
 
 #include "factorization_baseline.h"
 #include "palpate/haptics/device_filter.h"
+#include "palpate/results/statistics.h"
 #include "palpate/scene/overrides.h"
 #include "palpate/scene/reader.h"
 #include "palpate/session/lockstep.h"
-#include "palpate/session/statistics.h"
 #include "threads.h"
 
 namespace palpate {

@@ -1,6 +1,8 @@
 # Shared compile options, and the functions by which each folder declares its library or its tests.
 add_library(palpate_options INTERFACE)
 target_include_directories(palpate_options INTERFACE ${CMAKE_SOURCE_DIR}/src)
+# shared/: scenes and problems of tests and benchmarks
+include_directories(${CMAKE_SOURCE_DIR})
 target_compile_options(palpate_options INTERFACE -Wall -Wextra -Wshadow -Wconversion -Wno-sign-conversion -Wpedantic
                                                  -fno-math-errno)
 if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU")

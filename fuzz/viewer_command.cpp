@@ -6,7 +6,7 @@
 #include <string_view>
 
 #include "palpate/common/error.h"
-#include "palpate/viewer/commands.h"
+#include "palpate/protocol/commands.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   try {

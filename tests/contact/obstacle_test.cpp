@@ -6,9 +6,9 @@
 #include <algorithm>
 #include <random>
 
-#include "analytic_solids.h"
 #include "palpate/math/rotation.h"
 #include "palpate/mesh/surface_measures.h"
+#include "shared/analytic_solids.h"
 
 namespace palpate {
 namespace {

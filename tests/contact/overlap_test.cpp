@@ -5,7 +5,7 @@
 #include <cmath>
 
 #include "palpate/mesh/winding_number.h"
-#include "surface_motions.h"
+#include "shared/surface_motions.h"
 
 namespace palpate {
 namespace {

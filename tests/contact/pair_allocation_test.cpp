@@ -6,12 +6,12 @@
 #include <cstdlib>
 #include <numbers>
 
-#include "../count_allocations.h"
 #include "palpate/contact/contact_finder.h"
 #include "palpate/contact/surface_contacts.h"
 #include "palpate/contact/surface_pairs.h"
 #include "palpate/mesh/embed_surface.h"
-#include "surface_motions.h"
+#include "shared/count_allocations.h"
+#include "shared/surface_motions.h"
 
 namespace palpate {
 namespace {

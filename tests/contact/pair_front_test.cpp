@@ -9,7 +9,7 @@
 #include "palpate/contact/surface_contacts.h"
 #include "palpate/contact/surface_pairs.h"
 #include "palpate/mesh/embed_surface.h"
-#include "surface_motions.h"
+#include "shared/surface_motions.h"
 
 namespace palpate {
 namespace {

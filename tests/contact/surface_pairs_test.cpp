@@ -9,7 +9,7 @@
 
 #include "palpate/common/error.h"
 #include "palpate/contact/overlap.h"
-#include "surface_motions.h"
+#include "shared/surface_motions.h"
 
 namespace palpate {
 namespace {

@@ -5,8 +5,8 @@
 #include <cmath>
 #include <limits>
 
-#include "../count_allocations.h"
 #include "palpate/math/rotation.h"
+#include "shared/count_allocations.h"
 
 namespace palpate {
 namespace {

@@ -6,14 +6,14 @@
 #include <limits>
 #include <random>
 
-#include "../count_allocations.h"
 #include "palpate/devices/recorded_device.h"
 #include "palpate/devices/simulated_device.h"
 #include "palpate/haptics/exchange.h"
 #include "palpate/haptics/haptic_loop.h"
 #include "palpate/haptics/realtime.h"
 #include "palpate/haptics/record_queue.h"
-#include "test_models.h"
+#include "shared/count_allocations.h"
+#include "shared/haptic_models.h"
 
 namespace palpate {
 namespace {

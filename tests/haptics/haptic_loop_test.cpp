@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "palpate/common/error.h"
-#include "test_models.h"
+#include "shared/haptic_models.h"
 
 namespace palpate {
 namespace {

@@ -3,7 +3,7 @@
 #include <gtest/gtest.h>
 
 #include "palpate/common/error.h"
-#include "test_models.h"
+#include "shared/haptic_models.h"
 
 namespace palpate {
 namespace {

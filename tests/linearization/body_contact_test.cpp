@@ -5,10 +5,10 @@
 #include <functional>
 #include <string>
 
-#include "palpate/linearization/check.h"
 #include "palpate/linearization/linearize.h"
 #include "palpate/math/rotation.h"
 #include "palpate/mesh/shapes.h"
+#include "palpate/study/check.h"
 
 namespace palpate {
 namespace {

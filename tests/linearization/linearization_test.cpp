@@ -3,9 +3,9 @@
 
 #include <gtest/gtest.h>
 
-#include "palpate/linearization/check.h"
 #include "palpate/math/rotation.h"
 #include "palpate/mesh/shapes.h"
+#include "palpate/study/check.h"
 
 namespace palpate {
 namespace {

@@ -3,7 +3,7 @@
 
 #include <cmath>
 
-#include "scenes.h"
+#include "shared/held_scenes.h"
 
 namespace palpate {
 namespace {

@@ -4,7 +4,7 @@
 #include <cmath>
 
 #include "palpate/linearization/linearize.h"
-#include "scenes.h"
+#include "shared/held_scenes.h"
 
 namespace palpate {
 namespace {

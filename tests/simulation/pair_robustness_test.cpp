@@ -3,7 +3,7 @@
 
 #include <cmath>
 
-#include "pair_scenes.h"
+#include "shared/pair_scenes.h"
 
 namespace palpate {
 namespace {

@@ -4,7 +4,7 @@
 #include <random>
 
 #include "palpate/mesh/embedding_map.h"
-#include "scenes.h"
+#include "shared/held_scenes.h"
 
 namespace palpate {
 namespace {

@@ -8,7 +8,7 @@
 #include "palpate/linearization/linearize.h"
 #include "palpate/mesh/embed_surface.h"
 #include "palpate/mesh/surface_io.h"
-#include "scenes.h"
+#include "shared/held_scenes.h"
 
 namespace palpate {
 namespace {

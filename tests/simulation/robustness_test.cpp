@@ -5,7 +5,7 @@
 #include <limits>
 #include <random>
 
-#include "scenes.h"
+#include "shared/held_scenes.h"
 
 namespace palpate {
 namespace {

@@ -4,10 +4,10 @@
 #include <optional>
 #include <vector>
 
-#include "../simulation/scenes.h"
 #include "palpate/mesh/embed_surface.h"
 #include "palpate/mesh/implicit_surface.h"
 #include "palpate/threads/thread_team.h"
+#include "shared/held_scenes.h"
 
 namespace palpate::test {
 namespace {

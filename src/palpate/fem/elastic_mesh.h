@@ -3,9 +3,9 @@
 #include <array>
 #include <vector>
 
+#include "palpate/linear/symmetric_block_matrix.h"
 #include "palpate/math/types.h"
 #include "palpate/mesh/types.h"
-#include "palpate/solver/symmetric_block_matrix.h"
 
 namespace palpate {
 

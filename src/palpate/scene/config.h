@@ -9,9 +9,9 @@
 #include <vector>
 
 #include "palpate/devices/device.h"
+#include "palpate/friction/contact_solver.h"
 #include "palpate/math/types.h"
 #include "palpate/mesh/revolution.h"
-#include "palpate/solver/contact_solver.h"
 
 namespace palpate {
 

@@ -1,6 +1,6 @@
 #pragma once
 
-#include "palpate/session/builder.h"
+#include "palpate/scene/builder.h"
 #include "palpate/session/run_record.h"
 
 namespace palpate {

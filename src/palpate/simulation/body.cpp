@@ -7,9 +7,9 @@
 
 #include "palpate/common/error.h"
 #include "palpate/common/parallel.h"
+#include "palpate/linear/triangular_solve.h"
 #include "palpate/math/rotation.h"
 #include "palpate/mesh/surface_measures.h"
-#include "palpate/solver/triangular_solve.h"
 
 namespace palpate {
 

@@ -10,12 +10,12 @@
 #include "palpate/contact/contact.h"
 #include "palpate/contact/contact_finder.h"
 #include "palpate/fem/elastic_mesh.h"
+#include "palpate/linear/sparse_cholesky.h"
+#include "palpate/linear/symmetric_block_matrix.h"
 #include "palpate/math/types.h"
 #include "palpate/mesh/types.h"
 #include "palpate/rigid/handle.h"
 #include "palpate/rigid/link.h"
-#include "palpate/solver/sparse_cholesky.h"
-#include "palpate/solver/symmetric_block_matrix.h"
 
 namespace palpate {
 

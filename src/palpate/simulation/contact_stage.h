@@ -6,8 +6,8 @@
 #include "palpate/contact/contact.h"
 #include "palpate/contact/contact_finder.h"
 #include "palpate/contact/surface_contacts.h"
+#include "palpate/friction/contact_solver.h"
 #include "palpate/simulation/body.h"
-#include "palpate/solver/contact_solver.h"
 
 namespace palpate {
 

@@ -1,0 +1,115 @@
+#pragma once
+
+#include <algorithm>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "palpate/math/rotation.h"
+#include "palpate/mesh/shapes.h"
+#include "palpate/simulation/world.h"
+#include "shared/analytic_solids.h"
+
+namespace palpate::test {
+
+inline const Vec3 kBarSize(0.06, 0.04, 0.03);  // [m]
+
+/// The nodes of a mesh moved; its surface is embedded and follows.
+inline SimulationMesh moved(SimulationMesh mesh, const Pose& pose) {
+  for (Vec3& p : mesh.mesh.nodes) p = pose.apply(p);
+  for (Vec3& p : mesh.surface.vertices) p = pose.apply(p);
+  return mesh;
+}
+
+/// Bar with its bottom at z = 0, free or held at the nodes that `region` selects by their rest position.
+inline Body bar(const std::array<int, 3>& cells, const Material& material, double friction = 0.5,
+                const Vec6& velocity = Vec6::Zero()) {
+  return Body("bar", barMesh(kBarSize, cells), material, friction, velocity);
+}
+
+template <class Region>
+void holdNodes(Body& body, Region region, const Vec6& twist = Vec6::Zero(),
+               const Vec3& own_inertia = {1e-5, 2e-5, 3e-5}) {
+  std::vector<int> nodes;
+  std::vector<Vec3> positions;
+  std::vector<double> masses;
+  for (int i = 0; i < body.nodes(); ++i) {
+    const Vec3 p = body.mesh().mesh.nodes[i];
+    if (!region(p)) continue;
+    nodes.push_back(i);
+    positions.push_back(p);
+    masses.push_back(body.elasticity().mass()[i]);
+  }
+  Handle handle = makeHandle("handle", nodes, positions, masses, 0.02, own_inertia, expRotation({0.3, -0.2, 0.1}));
+  handle.twist = twist;
+  body.hold(handle);
+}
+
+inline bool onTop(const Vec3& p) { return p.z() > kBarSize.z() - 1e-9; }
+inline bool onBottom(const Vec3& p) { return p.z() < 1e-9; }
+
+inline Obstacle ground(double friction = 0.5) { return {PlaneShape{}, friction, "ground"}; }
+
+inline Vec3 momentum(const Body& body) {
+  Vec3 sum = Vec3::Zero();
+  for (int i = 0; i < body.nodes(); ++i) sum += body.elasticity().mass()[i] * body.velocities().segment<3>(3 * i);
+  if (body.framed()) sum += (body.handle().mass - body.handle().attached_mass) * body.handle().twist.head<3>();
+  return sum;
+}
+
+inline Vec3 centerVelocity(const Body& body) { return momentum(body) / body.totalMass(); }
+
+inline Vec3 center(const Body& body) {
+  Vec3 sum = Vec3::Zero();
+  for (int i = 0; i < body.nodes(); ++i) sum += body.elasticity().mass()[i] * body.positions().segment<3>(3 * i);
+  return sum / body.elasticity().mass().sum();
+}
+
+/// Force of all contacts of a body on it, and the sum of their normal parts.
+struct ContactForce {
+  Vec3 total = Vec3::Zero();
+  double normal = 0;
+};
+inline ContactForce contactForce(const World& world, int body) {
+  ContactForce out;
+  const ContactSet& set = world.contacts();
+  const double h = world.body(body).input().step;
+  for (std::size_t i = 0; i < set.contacts.size(); ++i) {
+    const Vec3 impulse = set.impulse.segment<3>(static_cast<Eigen::Index>(3 * i));
+    const Vec3 force = set.contacts[i].frame().transpose() * impulse / h;
+    if (set.contacts[i].first.body == body) out.total += force;
+    if (set.contacts[i].second.body == body) out.total -= force;
+    out.normal += impulse[0] / h;
+  }
+  return out;
+}
+
+/// Depth of the deepest surface vertex in any analytic obstacle, by brute force [m].
+inline double deepestVertex(const World& world, int index) {
+  const Body& body = world.body(index);
+  double deepest = 0;
+  for (const EmbeddedPoint& e : body.mesh().embedding) {
+    Vec3 p = Vec3::Zero();
+    for (int k = 0; k < 4; ++k) {
+      p += e.weights[k] * body.positions().segment<3>(3 * body.mesh().mesh.tetrahedra[e.tetrahedron][k]);
+    }
+    for (const Obstacle& o : world.obstacles) {
+      deepest = std::max(deepest, -std::visit([&](const auto& shape) { return signedDistance(shape, p); }, o.shape));
+    }
+  }
+  return deepest;
+}
+
+/// Elastic energy with the rotations of the present positions; a step leaves those of its start.
+inline double elasticEnergy(const Body& body) {
+  ElasticMesh fem = body.elasticity();
+  fem.updateRotations(body.positions());
+  return fem.energy(body.positions());
+}
+
+inline double mechanicalEnergy(const World& world, int index) {
+  const Body& body = world.body(index);
+  return body.kineticEnergy() + elasticEnergy(body) - body.totalMass() * world.gravity.dot(center(body));
+}
+
+}  // namespace palpate::test

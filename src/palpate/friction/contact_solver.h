@@ -1,0 +1,181 @@
+#pragma once
+
+#include <cstdint>
+#include <limits>
+#include <vector>
+
+#include "palpate/friction/contact_interior.h"
+#include "palpate/friction/state_factor.h"
+#include "palpate/linear/aligned_buffer.h"
+#include "palpate/math/types.h"
+
+namespace palpate {
+
+/// Cone that bounds the friction impulse.
+struct FrictionCone {
+  bool exact = false;  ///< exact (round) Coulomb cone; otherwise the paper's linearized cone
+  /// Number of vertices k of the linearized cone's cross-section, inscribed in the circle of radius mu lambda_n, the
+  /// first along the contact's first tangent. It errs by 1 - cos(pi / k) between two vertices: 29 % at 4, 7.6 % at 8.
+  int facets = 8;
+};
+
+/// What a contact does at the solution. For the linearized cone: the friction impulse inside the polygon (stick), on
+/// one of its edges, or at one of its vertices.
+enum class ContactState : std::uint8_t { open, stick, slide, edge, vertex };
+
+/// State with the index that edge and vertex need: vertex k lies at angle 2 pi k / facets from the first tangent, edge
+/// k runs from vertex k to vertex k + 1.
+struct ContactStatus {
+  ContactState state = ContactState::open;
+  int index = 0;
+  bool operator==(const ContactStatus&) const = default;
+};
+
+/// Contact with friction on condensed coordinates. m contacts, three rows each: normal, first and second tangent.
+///   w = delassus lambda + free,   w_n >= bias  perp  lambda_n >= 0,   lambda_t of maximal dissipation in the cone mu
+///   lambda_n
+struct ContactProblem {
+  Eigen::Ref<const MatX> delassus;  ///< W = J A^-1 J^T [1/kg], symmetric positive semi-definite, 3m x 3m
+  Eigen::Ref<const VecX> free;      ///< velocity of the rows without contact impulse [m/s], 3m
+  Eigen::Ref<const VecX> bias;      ///< least normal velocity, -gap / h [m/s], m
+  Eigen::Ref<const VecX> friction;  ///< coefficient mu, m
+  FrictionCone cone;
+};
+
+struct ContactSolverSettings {
+  int max_iterations = 1000;
+  /// Bound on the work of a solve, counted in factorizations: 18 m^3 + 2000 m^2 + 2e5 m operations each, m contacts.
+  /// Counted, not clocked, so the result stays deterministic. What a hard problem may take; most need far less.
+  double max_work = 100.0;
+  double max_operations =
+      std::numeric_limits<double>::infinity();  ///< the same without regard to m; about 1e10 a second
+  double tolerance = 1e-10;                     ///< on the residual, relative to the largest velocity in the problem
+  /// A residual that will do where the tolerance is not reached by sweeps and Newton steps: the dearer methods are then
+  /// left alone, and the solve counts as converged. 0: none but the tolerance.
+  double acceptable = 0.0;
+};
+
+struct ContactSolverReport {
+  bool converged = false;
+  int iterations = 0;
+  double residual = 0.0;  ///< largest violation of the contact law, as a velocity [m/s]
+};
+
+/// Unit vector to vertex `index` of the linearized cone's cross-section, in contact coordinates (normal, first, second
+/// tangent), so its first entry is 0. Friction at that vertex is mu lambda_n times it. Any index; it wraps around.
+Vec3 vertexDirection(int index, int facets);
+/// Outward unit normal of edge `index` (from vertex index to index + 1); the edge lies at mu lambda_n cos(pi / facets).
+Vec3 edgeNormal(int index, int facets);
+/// Unit tangent of edge `index`, from vertex index towards index + 1.
+Vec3 edgeTangent(int index, int facets);
+
+/// How far `lambda` (3m, [N s]) is from obeying the contact law, as a velocity [m/s]: the natural map of each contact,
+///   normal       | rho lambda_n - max(0, rho lambda_n - (w_n - bias)) |
+///   tangential   | rho lambda_t - P(rho lambda_t - w_t) |,   P nearest point of rho max(0, mu lambda_n) K
+/// with w = delassus lambda + free, K the unit disc or the polygon inscribed in it, and rho = trace(W_ii) / 3 [1/kg],
+/// which makes impulses and velocities of contact i comparable (if that is 0, the mean over the contacts, or 1). The
+/// largest entry over all contacts. Zero if and only if lambda solves the problem: a point of K that stays put when it
+/// takes a step along -w_t and is projected back is one that dissipates most. Infinite if anything is not finite.
+/// Plainly written and independent of ContactSolver. Throws std::invalid_argument if the sizes do not match.
+double contactResidual(const ContactProblem& problem, const VecX& lambda);
+
+/// Solves ContactProblem: Gauss-Seidel sweeps with exact solutions of single contacts find the states, Newton steps on
+/// the rows that the states leave free solve them to the last digits; where that fails, interior-point iterations and
+/// proximal ones find the states (docs/contact-solver.md). Keep one for each scene:
+/// it owns the workspace, which grows on demand and is reused. Deterministic: the result depends on the arguments only.
+class ContactSolver {
+ public:
+  /// @param lambda  impulses [N s], 3m: in, the warm start (set to zero if it has another size or is not finite); out,
+  /// the
+  ///                solution, or the best found. Never pulls, and never leaves the cone by more than rounding.
+  /// @param status  in, states to try first with the warm start (ignored if the size differs); out, the states that
+  /// lambda
+  ///                was computed from: open means lambda_i = 0 and nothing else does, stick strictly inside the
+  ///                cone, edge and vertex exactly there. Without friction (mu = 0) a closed contact is `slide`,
+  ///                lambda_t = 0, for both cones.
+  /// @return residual as in contactResidual; converged if it is at most tolerance times the largest entry of free and
+  /// bias.
+  ///         Input that is not finite: not converged, residual infinite, lambda zero. Work is bounded by max_iterations
+  ///         (sweeps plus Newton steps), also where no solution exists.
+  /// Throws std::invalid_argument for sizes that do not match, negative friction, fewer than three facets.
+  ContactSolverReport solve(const ContactProblem& problem, const ContactSolverSettings& settings, VecX& lambda,
+                            std::vector<ContactStatus>& status);
+
+ private:
+  struct Best {
+    VecX lambda;
+    std::vector<ContactStatus> status;
+    double residual = 0.0;  ///< [m/s]
+  };
+  struct Work {
+    int max_iterations = 0;
+    double max_operations = 0.0;
+    double rows = 0.0;     ///< 3m
+    double product = 0.0;  ///< what a product with W counts as
+    int iterations = 0;
+    double operations = 0.0;
+    bool left() const { return iterations < max_iterations && operations < max_operations; }
+    double remaining() const { return max_operations - operations; }
+    void spend(double cost) {
+      ++iterations;
+      operations += cost;
+    }
+  };
+
+  void prepare(const ContactProblem& problem, double mean_scale);
+  bool acceptHint(const ContactProblem& problem, const std::vector<ContactStatus>& hint);
+  ContactStatus nearest(const FrictionCone& cone, double radius, const Eigen::Vector2d& p,
+                        Eigen::Vector2d& point) const;
+  void updateVelocity(const ContactProblem& problem, const VecX& lambda, VecX& w);
+  void updateVelocitySince(const ContactProblem& problem, const VecX& before);
+  double residual(const ContactProblem& problem) const;
+  double keepBest(const ContactProblem& problem, Best& best);
+  void goTo(const ContactProblem& problem, const Best& best);
+  void classify(const ContactProblem& problem);
+  void walk(const FrictionCone& cone, const std::vector<ContactStatus>& before);
+  void settleStates(const ContactProblem& problem);
+  void sweep(const ContactProblem& problem);
+  void newtonPhase(const ContactProblem& problem, double tolerance, Best& best, int steps, Work& work);
+  bool alternate(const ContactProblem& problem, double tolerance, Best& best, int rounds, Work& work);
+  void proximal(const ContactProblem& problem, double tolerance, Best& best, Work& work);
+  void interior(const ContactProblem& problem, double tolerance, double acceptable, Best& best, Work& work);
+  void makePassive(const ContactProblem& problem, double slack);
+  void findParts(const ContactProblem& problem);
+  ContactSolverReport solvePart(const ContactProblem& problem, const ContactSolverSettings& settings, double scale,
+                                double mean_scale, VecX& lambda, std::vector<ContactStatus>& status);
+  ContactSolverReport gatherAndSolve(const ContactProblem& whole, const int* contacts, int count,
+                                     const ContactSolverSettings& settings, double scale, double mean_scale,
+                                     VecX& lambda, std::vector<ContactStatus>& status);
+  bool newton(const ContactProblem& problem, double tolerance, Work& work);
+  void chooseFree(const ContactProblem& problem);
+  void setCurvature(const ContactProblem& problem);
+  double freeResidual(const ContactProblem& problem);
+  void stepFree(const ContactProblem& problem);
+  bool solveStates(const ContactProblem& problem, double tolerance);
+
+  VecX rho_;                              ///< [m] impulse times this compares with velocity [1/kg]
+  VecX lambda_, w_;                       ///< [3m] the iterate and its velocity
+  std::vector<ContactStatus> status_;     ///< [m]
+  std::vector<ContactStatus> before_;     ///< [m] those of the last Newton step
+  std::vector<Eigen::Vector2d> heading_;  ///< [m] unit direction of friction, exact cone
+  Best best_, swept_, nearby_, center_;   ///< of the problem; where sweeps ended; of a proximal problem
+  VecX shifted_free_;
+  InteriorPoint interior_;
+  std::vector<Eigen::Vector2d> corner_, normal_, tangent_;  ///< [facets] of the unit polygon
+  std::vector<FreeDirections> free_;                        ///< closed contacts, sticking ones first
+  StateFactor factor_;
+  const double* factored_ = nullptr;  ///< the W that factor_ is of
+  bool may_border_ = true;            ///< until a bordered factor was not good enough for this problem
+  VecX violation_, change_;           ///< [3m] what should vanish where states leave impulses free; a Newton step
+  VecX unmoved_;                      ///< [3m] impulses before it
+  AlignedBuffer shifted_matrix_;
+  AlignedBuffer part_velocity_;  ///< what each part of W adds to a velocity
+
+  std::vector<int> order_, part_start_, waiting_;  ///< contacts by part, where each part begins
+  std::vector<ContactSolver> parts_;               ///< one for each, so that sizes stay and nothing is allocated
+  AlignedBuffer part_matrix_;                      ///< a part's own problem and start
+  VecX part_free_, part_bias_, part_friction_, part_lambda_;
+  std::vector<ContactStatus> part_status_;
+};
+
+}  // namespace palpate

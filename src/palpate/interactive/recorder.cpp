@@ -1,0 +1,90 @@
+#include "palpate/interactive/recorder.h"
+
+#include <cmath>
+
+#include "palpate/common/error.h"
+
+namespace palpate {
+namespace {
+
+constexpr std::uint32_t kText = 0, kBinary = 1;
+constexpr std::uint32_t kGeneration = 1;
+constexpr int kBatch = 500;  // ticks
+
+}  // namespace
+
+Recorder::Recorder(const std::filesystem::path& file, const SceneConfig& config, const BuiltScene& scene,
+                   const LiveSettings& settings)
+    : path_(file),
+      out_(file, std::ios::binary | std::ios::trunc),
+      reader_(scene.world),
+      samples_(scene.world.link, scene.haptic.proxy.mass * scene.haptic.proxy.gravity, kGeneration),
+      visual_step_(config.visual_step),
+      substeps_(config.substeps) {
+  if (!out_) throw InputError(file.string(), "", "cannot be written");
+  out_ << "PALPATE1";
+  last_tick_.device.pose = scene.start;
+  last_tick_.proxy = scene.world.tool().handle().pose;
+  put(kText, sceneMessage(config, scene, {}, kGeneration));
+  put(kBinary, geometryMessage(scene.world, kGeneration));
+  put(kText, stateMessage(config, settings, {}, kGeneration));
+}
+
+RunSink Recorder::watch(RunSink sink) {
+  RunSink out = sink;
+  out.tick = [this, next = sink.tick](const TickRecord& r) {
+    tick(r);
+    next(r);
+  };
+  out.visual = [this, next = sink.visual](const VisualRecord& r) {
+    step(r, substeps_);
+    next(r);
+  };
+  out.stepped = [this, next = sink.stepped](const World& world, const VisualRecord& r) {
+    state(world, r);
+    next(world, r);
+  };
+  return out;
+}
+
+void Recorder::tick(const TickRecord& tick) {
+  const std::lock_guard lock(mutex_);
+  last_tick_ = tick;
+  samples_.add(tick);
+  if (samples_.ticks() >= kBatch) flushSamples();
+}
+
+void Recorder::step(const VisualRecord& step, int substeps) {
+  const std::lock_guard lock(mutex_);
+  samples_.add(step, substeps);
+}
+
+// The frame of a step has the poses of the newest tick, which is the one before the step's end.
+void Recorder::state(const World& world, const VisualRecord& step) {
+  const std::lock_guard lock(mutex_);
+  ++state_.step;
+  reader_.read(world, visual_step_, true, state_);
+  TickRecord tick = last_tick_;
+  tick.time = step.time;
+  put(kBinary, frameMessage(state_, tick, 0, kGeneration, true));
+}
+
+void Recorder::flushSamples() { put(kBinary, samples_.take()); }
+
+void Recorder::put(std::uint32_t kind, const std::string& payload) {
+  const auto bytes = static_cast<std::uint32_t>(payload.size());
+  out_.write(reinterpret_cast<const char*>(&kind), sizeof kind);
+  out_.write(reinterpret_cast<const char*>(&bytes), sizeof bytes);
+  out_.write(payload.data(), static_cast<std::streamsize>(payload.size()));
+  const char zeros[8] = {};
+  out_.write(zeros, static_cast<std::streamsize>((8 - payload.size() % 8) % 8));
+}
+
+void Recorder::finish() {
+  const std::lock_guard lock(mutex_);
+  if (!samples_.empty()) flushSamples();
+  out_.close();
+  if (!out_) throw RunError(path_.string() + ": could not be written whole");
+}
+
+}  // namespace palpate

@@ -1,0 +1,54 @@
+#include "palpate/linear/symmetric_block_matrix.h"
+
+#include <algorithm>
+#include <cassert>
+
+namespace palpate {
+
+SymmetricBlockMatrix SymmetricBlockMatrix::fromPairs(int size, const std::vector<std::pair<int, int>>& pairs) {
+  // (column, row) of every block in the lower triangle, so that sorting gives the storage order
+  std::vector<std::pair<int, int>> entries;
+  entries.reserve(pairs.size() + static_cast<std::size_t>(size));
+  for (int i = 0; i < size; ++i) entries.emplace_back(i, i);
+  for (const auto& [i, j] : pairs) {
+    assert(i >= 0 && i < size && j >= 0 && j < size);
+    entries.emplace_back(std::min(i, j), std::max(i, j));
+  }
+  std::sort(entries.begin(), entries.end());
+  entries.erase(std::unique(entries.begin(), entries.end()), entries.end());
+
+  SymmetricBlockMatrix matrix;
+  matrix.size = size;
+  matrix.column.assign(static_cast<std::size_t>(size) + 1, 0);
+  matrix.row.reserve(entries.size());
+  for (const auto& [j, i] : entries) {
+    ++matrix.column[j + 1];
+    matrix.row.push_back(i);
+  }
+  for (int j = 0; j < size; ++j) matrix.column[j + 1] += matrix.column[j];
+  matrix.values.assign(9 * entries.size(), 0.0);
+  return matrix;
+}
+
+int SymmetricBlockMatrix::find(int i, int j) const {
+  if (j < 0 || i < j || i >= size) return -1;
+  const auto begin = row.begin() + column[j];
+  const auto end = row.begin() + column[j + 1];
+  const auto found = std::lower_bound(begin, end, i);
+  return found != end && *found == i ? static_cast<int>(found - row.begin()) : -1;
+}
+
+VecX SymmetricBlockMatrix::multiply(const VecX& x) const {
+  assert(x.size() == 3 * size);
+  VecX y = VecX::Zero(3 * size);
+  for (int j = 0; j < size; ++j) {
+    for (int slot = column[j]; slot < column[j + 1]; ++slot) {
+      const int i = row[slot];
+      y.segment<3>(3 * i) += block(slot) * x.segment<3>(3 * j);
+      if (i != j) y.segment<3>(3 * j) += block(slot).transpose() * x.segment<3>(3 * i);
+    }
+  }
+  return y;
+}
+
+}  // namespace palpate

@@ -1,0 +1,319 @@
+#include "palpate/protocol/messages.h"
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <nlohmann/json.hpp>
+
+#include "palpate/contact/obstacle.h"
+#include "palpate/haptics/coupling.h"
+#include "palpate/protocol/byte_writer.h"
+
+namespace palpate {
+namespace {
+
+static_assert(std::endian::native == std::endian::little);
+
+using Json = nlohmann::ordered_json;
+
+enum Kind : std::uint32_t { kGeometry = 1, kFrame = 2, kSamples = 3 };
+constexpr std::uint32_t kTool = 1, kRigid = 2;  // flags of a body
+enum ObstacleType : std::uint32_t { kPlane = 0, kSurface = 1 };
+
+Json toJson(const Vec3& v) { return {v.x(), v.y(), v.z()}; }
+
+// Text from files may hold bytes that are no UTF-8: they are replaced.
+std::string dump(const Json& json) { return json.dump(-1, ' ', false, Json::error_handler_t::replace); }
+
+Json orNull(const std::string& text) { return text.empty() ? Json(nullptr) : Json(text); }
+
+void writeBody(const World& world, int index, ByteWriter& out) {
+  const Body& body = world.body(index);
+  const SimulationMesh& m = body.mesh();
+  out.u32(m.mesh.nodes.size());
+  out.u32(m.surface.vertices.size());
+  out.u32(m.surface.triangles.size());
+  out.u32(m.mesh.tetrahedra.size());
+  out.u32((index == world.toolIndex() ? kTool : 0U) | (body.isRigid() ? kRigid : 0U));
+  for (const Vec3& p : m.mesh.nodes) out.vec(p);
+  for (const int attached : body.attachedIndex()) out.f32(body.held() && attached >= 0 ? 1.0 : 0.0);
+  for (const auto& t : m.mesh.tetrahedra) {
+    for (const int node : t) out.u32(node);
+  }
+  for (const EmbeddedPoint& p : m.embedding) {
+    for (const int node : m.mesh.tetrahedra[p.tetrahedron]) out.u32(node);
+  }
+  for (const EmbeddedPoint& p : m.embedding) {
+    for (const double w : p.weights) out.f32(w);
+  }
+  for (const auto& t : m.surface.triangles) {
+    for (const int vertex : t) out.u32(vertex);
+  }
+}
+
+void writeObstacle(const Obstacle& obstacle, ByteWriter& out) {
+  if (const auto* plane = std::get_if<PlaneShape>(&obstacle.shape)) {
+    out.u32(kPlane);
+    out.u32(0);
+    out.u32(0);
+    out.vec(plane->point);
+    out.vec(plane->normal);
+    return;
+  }
+  const Surface surface = surfaceOf(obstacle).value_or(Surface{});
+  out.u32(kSurface);
+  out.u32(surface.vertices.size());
+  out.u32(surface.triangles.size());
+  for (const Vec3& p : surface.vertices) out.vec(p);
+  for (const auto& t : surface.triangles) {
+    for (const int vertex : t) out.u32(vertex);
+  }
+}
+
+double vonMises(const Mat3& s) {
+  const Mat3 deviator = s - s.trace() / 3.0 * Mat3::Identity();
+  return std::sqrt(1.5) * deviator.norm();
+}
+
+float stateNumber(ContactState state) {
+  if (state == ContactState::open) return 0;
+  return state == ContactState::stick ? 1 : 2;
+}
+
+}  // namespace
+
+std::string sceneMessage(const SceneConfig& config, const BuiltScene& scene, const std::vector<SceneEntry>& scenes,
+                         std::uint32_t generation) {
+  Json out{{"type", "scene"},      {"generation", generation},          {"name", config.name},
+           {"title", config.name}, {"description", config.description}, {"scenes", Json::array()}};
+  for (const SceneEntry& s : scenes) out["scenes"].push_back({{"name", s.name}, {"description", s.description}});
+  out["handles"] = Json::array();
+  for (const HandleConfig& h : config.tool.handles) out["handles"].push_back(h.name);
+  out["methods"] = {toString(MethodName::hsl), toString(MethodName::hsl_exact), toString(MethodName::vc)};
+  out["bodies"] = Json::array();
+  for (int i = 0; i < scene.world.bodies(); ++i) {
+    const Body& body = scene.world.body(i);
+    const char* kind = i == scene.world.toolIndex() ? "tool" : body.isRigid() ? "rigid" : "soft";
+    out["bodies"].push_back({{"name", body.name()},
+                             {"kind", kind},
+                             {"youngs_modulus", body.elasticity().material().youngs_modulus},
+                             {"tetrahedra", body.mesh().mesh.tetrahedra.size()},
+                             {"triangles", body.mesh().surface.triangles.size()}});
+  }
+  out["obstacles"] = Json::array();
+  for (const Obstacle& o : scene.world.obstacles) out["obstacles"].push_back({{"name", o.name}});
+  const DeviceLimits& limits = config.device.limits;
+  out["device"] = {{"peak_force", limits.peak_force},
+                   {"peak_torque", limits.peak_torque},
+                   {"stiffness", scene.world.link.stiffness},
+                   {"workspace_radius", limits.workspace_radius}};
+  out["gravity"] = toJson(config.gravity);
+  out["haptic_step"] = config.haptic_step;
+  const Quat& r = scene.start.rotation;
+  out["start"] = {{"position", toJson(scene.start.position)}, {"rotation", {r.w(), r.x(), r.y(), r.z()}}};
+  return dump(out);
+}
+
+std::string stateMessage(const SceneConfig& config, const LiveSettings& settings, const LiveStatus& status,
+                         std::uint32_t generation) {
+  Json out{{"type", "state"},
+           {"generation", generation},
+           {"handle", config.tool.handle},
+           {"method", toString(config.method)},
+           {"visual_step", config.visual_step},
+           {"friction", settings.friction},
+           {"stiffness", settings.stiffness},
+           {"speed", settings.speed},
+           {"paused", settings.paused},
+           {"hand", nullptr},
+           {"driver", status.on_path ? "path" : "hand"},
+           {"stress", settings.stress},
+           {"recording", orNull(status.recording)},
+           {"busy", orNull(status.busy)},
+           {"viewers", status.viewers}};
+  if (status.hand) out["hand"] = *status.hand;
+  return dump(out);
+}
+
+std::string noticeMessage(bool error, const std::string& text) {
+  std::string line = text;
+  std::replace_if(
+      line.begin(), line.end(), [](char c) { return c == '\n' || c == '\r'; }, ' ');
+  return dump({{"type", "notice"}, {"level", error ? "error" : "info"}, {"text", line}});
+}
+
+std::string statsMessage(const LiveFigures& figures, const PeriodicReport& report) {
+  const auto histogram = [](const DurationHistogram& h) {
+    Json bins = Json::array();
+    for (const DurationHistogram::Bin& b : h.bins()) bins.push_back({b.upper, b.count});
+    return Json{{"p50", h.percentile(0.5)}, {"p99", h.percentile(0.99)}, {"max", h.max()}, {"bins", bins}};
+  };
+  return dump({{"type", "stats"},
+               {"ticks", figures.ticks},
+               {"missed", figures.missed},
+               {"dropped", figures.dropped},
+               {"tick_us", histogram(report.work)},
+               {"wake_us", histogram(report.wake_latency)},
+               {"energy_J", figures.delivered_energy},
+               {"realtime", orNull(figures.realtime_note)},
+               {"server_share", figures.server_share}});
+}
+
+std::string geometryMessage(const World& world, std::uint32_t generation) {
+  ByteWriter out;
+  out.u32(kGeometry);
+  out.u32(generation);
+  out.u32(world.bodies());
+  out.u32(world.obstacles.size());
+  for (int i = 0; i < world.bodies(); ++i) writeBody(world, i, out);
+  for (const Obstacle& o : world.obstacles) writeObstacle(o, out);
+  return out.take();
+}
+
+StateReader::StateReader(const World& world) {
+  for (int i = 0; i < world.bodies(); ++i) {
+    const SimulationMesh& m = world.body(i).mesh();
+    std::vector<double> filled;
+    for (std::size_t t = 0; t < m.mesh.tetrahedra.size(); ++t) {
+      const auto& n = m.mesh.tetrahedra[t];
+      const Vec3& o = m.mesh.nodes[n[0]];
+      const double volume = (m.mesh.nodes[n[1]] - o).cross(m.mesh.nodes[n[2]] - o).dot(m.mesh.nodes[n[3]] - o) / 6.0;
+      filled.push_back(volume * m.fill[t]);
+    }
+    filled_.push_back(std::move(filled));
+  }
+}
+
+void StateReader::read(const World& world, double h, bool stress, SceneState& out) const {
+  out.nodes.clear();
+  for (int i = 0; i < world.bodies(); ++i) {
+    const VecX& x = world.body(i).positions();
+    for (Eigen::Index k = 0; k < x.size(); ++k) out.nodes.push_back(static_cast<float>(x[k]));
+  }
+  out.handle = world.tool().handle().pose;
+  out.contacts.clear();
+  const ContactSet& set = world.contacts();
+  for (std::size_t c = 0; c < set.contacts.size(); ++c) {
+    const Contact& contact = set.contacts[c];
+    const Vec3 force = contact.frame().transpose() * set.impulse.segment<3>(3 * static_cast<Eigen::Index>(c)) / h;
+    for (const Vec3& v : {contact.position, contact.normal, force}) {
+      for (int k = 0; k < 3; ++k) out.contacts.push_back(static_cast<float>(v[k]));
+    }
+    out.contacts.push_back(stateNumber(set.status[c].state));
+  }
+  out.stress.clear();
+  if (stress) readStress(world, out.stress);
+}
+
+// Cauchy stress of the corotational law in the rotated frame, whose von Mises measure is the same; averaged at nodes by
+// volume.
+void StateReader::readStress(const World& world, std::vector<float>& out) const {
+  std::vector<double> sum, weight;
+  for (int i = 0; i < world.bodies(); ++i) {
+    const Body& body = world.body(i);
+    sum.assign(body.nodes(), 0.0);
+    weight.assign(body.nodes(), 0.0);
+    const std::vector<ElasticElement>& elements = body.elasticity().elements();
+    for (std::size_t t = 0; t < elements.size() && !body.isRigid(); ++t) {
+      const ElasticElement& e = elements[t];
+      const Mat3 g = e.rotation.transpose() * e.deformationGradient(body.positions());
+      const Mat3 strain = 0.5 * (g + g.transpose()) - Mat3::Identity();
+      const double filled = filled_[i][t];
+      const Mat3 stress = (e.lambda * strain.trace() * Mat3::Identity() + 2.0 * e.mu * strain) / filled;
+      const double value = filled * vonMises(stress);
+      for (const int node : e.node) {
+        sum[node] += value;
+        weight[node] += filled;
+      }
+    }
+    for (std::size_t n = 0; n < sum.size(); ++n) {
+      out.push_back(weight[n] > 0 ? static_cast<float>(sum[n] / weight[n]) : 0.0F);
+    }
+  }
+}
+
+std::string frameMessage(const SceneState& state, const TickRecord& tick, std::uint32_t hand_sequence,
+                         std::uint32_t generation, bool nodes) {
+  ByteWriter out(160 + (nodes ? 4 * (state.nodes.size() + state.stress.size() + state.contacts.size()) : 0));
+  out.u32(kFrame);
+  out.u32(generation);
+  out.u32(state.step);
+  out.u32(hand_sequence);
+  out.f64(tick.time);
+  out.pose(tick.device.pose);
+  out.pose(tick.proxy);
+  out.pose(state.handle);
+  out.vec(tick.sent);
+  out.u32(tick.flags.bits());
+  out.u32(nodes ? state.nodes.size() : 0);
+  out.u32(nodes ? state.contacts.size() / 10 : 0);
+  out.u32(nodes ? state.stress.size() : 0);
+  if (nodes) {
+    out.f32s(state.nodes);
+    out.f32s(state.stress);
+    out.f32s(state.contacts);
+  }
+  return out.take();
+}
+
+void SampleEncoder::add(const VisualRecord& step, int substeps) {
+  steps_.push_back({step, substeps});
+  handles_.push_back({step.model.time, step.model.handle_pose, step.model.handle_twist});
+  while (handles_.size() > 64) handles_.pop_front();
+}
+
+void SampleEncoder::add(const TickRecord& tick) {
+  // the model that the tick used; before the first one, its proxy stands for the handle
+  const double model_time = tick.time - tick.model_age;
+  VisualHandle handle{model_time, tick.proxy, tick.proxy_twist};
+  for (auto h = handles_.rbegin(); h != handles_.rend(); ++h) {
+    if (h->time <= model_time + 1e-9) {
+      handle = *h;
+      break;
+    }
+  }
+  ticks_.push_back({tick, couplingWrench(link_, handle.pose, handle.twist, tick.device)});
+}
+
+std::string SampleEncoder::take() {
+  ByteWriter out(40 + 80 * ticks_.size() + 112 * steps_.size());
+  const double origin = !ticks_.empty() ? ticks_.front().tick.time : !steps_.empty() ? steps_.front().step.time : 0.0;
+  out.u32(kSamples);
+  out.u32(generation_);
+  out.u32(ticks_.size());
+  out.u32(steps_.size());
+  out.u32(0);  // lost; the server fills it in
+  out.u32(0);
+  out.f64(origin);
+  for (const TickRow& r : ticks_) {
+    out.f32(r.tick.time - origin);
+    out.vec(r.tick.sent);
+    out.vec(r.tick.raw);
+    out.vec(r.coupling);
+    out.u32(r.tick.flags.bits());
+  }
+  for (const StepRow& r : steps_) {
+    const StepReport& s = r.step.step;
+    out.f32(r.step.time - origin);
+    Vec6 held = r.step.model.force;
+    held.head<3>() += handle_weight_;
+    out.vec(held);
+    for (const double seconds :
+         {s.times.total() + r.step.linearization_s, s.times.assemble, s.times.factorize, s.times.solve, s.times.contact,
+          s.times.advance, r.step.linearization_s, r.step.lateness_s}) {
+      out.f32(1e3 * seconds);
+    }
+    for (const int n : {s.contacts_found, s.contacts, s.active, s.sticking, s.sliding, s.solver_iterations}) {
+      out.f32(n);
+    }
+    for (const double v : {s.solver_residual, s.penetration, s.kinetic_energy, s.elastic_energy}) out.f32(v);
+    out.f32(static_cast<int>(s.status));
+    out.f32(r.substeps);
+    out.f32(0);
+  }
+  ticks_.clear();
+  steps_.clear();
+  return out.take();
+}
+
+}  // namespace palpate

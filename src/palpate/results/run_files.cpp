@@ -1,0 +1,392 @@
+#include "palpate/results/run_files.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <nlohmann/json.hpp>
+
+#include "palpate/devices/motion_recording.h"
+#include "palpate/record/csv_writer.h"
+#include "palpate/record/json_file.h"
+#include "palpate/record/output_folder.h"
+#include "palpate/record/report.h"
+#include "palpate/results/statistics.h"
+
+namespace palpate {
+namespace {
+
+const std::vector<std::string> kMotionColumns{"time_s", "x_m",      "y_m",      "z_m",      "qw",
+                                              "qx",     "qy",       "qz",       "vx_m_s",   "vy_m_s",
+                                              "vz_m_s", "wx_rad_s", "wy_rad_s", "wz_rad_s", "buttons"};
+const std::vector<std::string> kHapticColumns{
+    "time_s",     "device_x_m", "device_y_m", "device_z_m",  "device_qw", "device_qx", "device_qy", "device_qz",
+    "proxy_x_m",  "proxy_y_m",  "proxy_z_m",  "proxy_qw",    "proxy_qx",  "proxy_qy",  "proxy_qz",  "raw_fx_N",
+    "raw_fy_N",   "raw_fz_N",   "raw_tx_Nm",  "raw_ty_Nm",   "raw_tz_Nm", "sent_fx_N", "sent_fy_N", "sent_fz_N",
+    "sent_tx_Nm", "sent_ty_Nm", "sent_tz_Nm", "model_age_s", "flags"};
+const std::vector<std::string> kVisualColumns{"time_s",
+                                              "handle_x_m",
+                                              "handle_y_m",
+                                              "handle_z_m",
+                                              "handle_qw",
+                                              "handle_qx",
+                                              "handle_qy",
+                                              "handle_qz",
+                                              "coupling_fx_N",
+                                              "coupling_fy_N",
+                                              "coupling_fz_N",
+                                              "coupling_tx_Nm",
+                                              "coupling_ty_Nm",
+                                              "coupling_tz_Nm",
+                                              "contacts_found",
+                                              "contacts",
+                                              "contacts_active",
+                                              "contacts_sticking",
+                                              "contacts_sliding",
+                                              "penetration_m",
+                                              "solver_iterations",
+                                              "solver_residual_m_s",
+                                              "passes",
+                                              "kinetic_energy_J",
+                                              "elastic_energy_J",
+                                              "status"};
+const std::vector<std::string> kTimingColumns{"time_s",       "step_ms",          "assemble_ms",
+                                              "factorize_ms", "solve_ms",         "contact_ms",
+                                              "advance_ms",   "linearization_ms", "lateness_ms"};
+
+void addPose(CsvWriter& csv, const Pose& pose) {
+  for (int k = 0; k < 3; ++k) csv.cell(pose.position[k]);
+  csv.cell(pose.rotation.w()).cell(pose.rotation.x()).cell(pose.rotation.y()).cell(pose.rotation.z());
+}
+
+void addVector(CsvWriter& csv, const Vec6& v) {
+  for (int k = 0; k < 6; ++k) csv.cell(v[k]);
+}
+
+const char* statusName(StepStatus status) {
+  switch (status) {
+    case StepStatus::ok:
+      return "ok";
+    case StepStatus::contact_not_converged:
+      return "contact_not_converged";
+    case StepStatus::restored:
+      return "restored";
+  }
+  return "";
+}
+
+Plot vectorPlot(const std::string& title, const std::string& label, const std::vector<double>& x,
+                const std::vector<Vec6>& values, int first, const std::string& group, const std::string& note) {
+  Plot plot;
+  plot.title = title;
+  plot.y_label = label;
+  plot.x = x;
+  plot.group = group;
+  plot.note = note;
+  const std::array<const char*, 3> names{"x", "y", "z"};
+  for (int k = 0; k < 3; ++k) {
+    Series s;
+    s.name = names[k];
+    for (const Vec6& v : values) s.values.push_back(v[first + k]);
+    plot.series.push_back(std::move(s));
+  }
+  return plot;
+}
+
+}  // namespace
+
+struct RunFiles::Impl {
+  Impl(const std::filesystem::path& path, const SceneConfig& scene_config)
+      : config(scene_config),
+        folder(path),
+        haptic(folder.stage("haptic.csv"), kHapticColumns),
+        motion(folder.stage("motion.csv"), kMotionColumns),
+        visual(folder.stage("visual.csv"), kVisualColumns),
+        timing(folder.stage("timing.csv"), kTimingColumns) {}
+
+  void tick(const TickRecord& r) {
+    motion.cell(r.time);
+    addPose(motion, r.device.pose);
+    addVector(motion, r.device.twist);
+    motion.cell(r.device.buttons);
+    motion.endRow();
+    haptic.cell(r.time);
+    addPose(haptic, r.device.pose);
+    addPose(haptic, r.proxy);
+    addVector(haptic, r.raw);
+    addVector(haptic, r.sent);
+    haptic.cell(r.model_age).cell(r.flags.bits());
+    haptic.endRow();
+    const double force = r.sent.head<3>().norm();
+    peak_force = std::max(peak_force, force);
+    force_squares += force * force;
+    ++ticks;
+    // the report's plots: every fifth tick, or fewer for long runs, is more than a screen shows
+    if (ticks % plot_stride == 1 || plot_stride == 1) {
+      plot_time.push_back(r.time);
+      plot_raw.push_back(r.raw);
+      plot_sent.push_back(r.sent);
+      plot_device.push_back(r.device.pose.position);
+      plot_proxy.push_back(r.proxy.position);
+    }
+  }
+
+  void step(const VisualRecord& r) {
+    visual.cell(r.time);
+    addPose(visual, r.model.handle_pose);
+    addVector(visual, r.model.force);
+    visual.cell(r.step.contacts_found)
+        .cell(r.step.contacts)
+        .cell(r.step.active)
+        .cell(r.step.sticking)
+        .cell(r.step.sliding);
+    visual.cell(r.step.penetration).cell(r.step.solver_iterations).cell(r.step.solver_residual).cell(r.step.passes);
+    visual.cell(r.step.kinetic_energy).cell(r.step.elastic_energy).cell(statusName(r.step.status));
+    visual.endRow();
+    const double total = r.step.times.total() + r.linearization_s;
+    timing.cell(r.time);
+    for (const double s : {total, r.step.times.assemble, r.step.times.factorize, r.step.times.solve,
+                           r.step.times.contact, r.step.times.advance, r.linearization_s, r.lateness_s}) {
+      timing.cell(1e3 * s);
+    }
+    timing.endRow();
+    step_time.push_back(r.time);
+    step_ms.push_back(1e3 * total);
+    linearization_ms.push_back(1e3 * r.linearization_s);
+    active.push_back(r.step.active);
+    contacts.push_back(r.step.contacts);
+    sliding.push_back(r.step.sliding);
+    penetration_mm.push_back(1e3 * r.step.penetration);
+    kinetic.push_back(r.step.kinetic_energy);
+    elastic.push_back(r.step.elastic_energy);
+    max_residual = std::max(max_residual, r.step.solver_residual);
+    if (r.step.active > 0) {
+      step_ms_contact.push_back(1e3 * total);
+      linearization_ms_contact.push_back(1e3 * r.linearization_s);
+    }
+    if (r.step.status == StepStatus::restored) ++restored;
+    if (r.step.status == StepStatus::contact_not_converged) ++not_converged;
+    if (1e-3 * step_ms.back() > config.visual_step) ++overruns;
+  }
+
+  double maxOf(const std::vector<double>& v) const { return v.empty() ? 0.0 : *std::max_element(v.begin(), v.end()); }
+
+  nlohmann::ordered_json summary(const BuiltScene& scene, const RunOutcome& outcome) const {
+    nlohmann::ordered_json j;
+    j["scene"] = config.name;
+    j["method"] = toString(config.method);
+    j["handle"] = config.tool.handle;
+    j["device"] = toString(config.device.kind);
+    j["aim"] = toString(config.aim);
+    j["derivative"] = toString(config.derivative);
+    j["latency"] = config.latency;
+    j["realtime"] = outcome.realtime;
+    j["duration_s"] = config.duration;
+    j["mesh"] = {
+        {"tetrahedra", scene.tetrahedra}, {"nodes", scene.nodes}, {"surface_triangles", scene.surface_triangles}};
+    j["visual"] = {{"step_s", config.visual_step},
+                   {"steps", step_ms.size()},
+                   {"median_ms", percentile(step_ms, 0.5)},
+                   {"p95_ms", percentile(step_ms, 0.95)},
+                   {"max_ms", maxOf(step_ms)},
+                   {"median_contact_ms", percentile(step_ms_contact, 0.5)},
+                   {"overruns", overruns},
+                   {"restored", restored},
+                   {"not_converged", not_converged}};
+    j["haptic"] = {{"rate_hz", 1.0 / config.haptic_step},
+                   {"ticks", outcome.ticks},
+                   {"tick_us", {{"p50", outcome.tick_us[0]}, {"p99", outcome.tick_us[1]}, {"max", outcome.tick_us[2]}}},
+                   {"missed", outcome.missed}};
+    if (outcome.realtime) {
+      j["haptic"]["wake_us"] = {{"p50", outcome.wake_us[0]}, {"p99", outcome.wake_us[1]}, {"max", outcome.wake_us[2]}};
+      j["haptic"]["dropped_rows"] = outcome.dropped_rows;
+      j["haptic"]["priority_note"] = outcome.realtime_note;
+    }
+    nlohmann::ordered_json flags;
+    for (std::size_t k = 0; k < kTickFlagCount; ++k) {
+      flags[toString(static_cast<TickFlag>(k))] = outcome.counters[static_cast<TickFlag>(k)];
+    }
+    j["haptic"]["flags"] = flags;
+    j["linearization"] = {{"median_ms", percentile(linearization_ms, 0.5)},
+                          {"median_contact_ms", percentile(linearization_ms_contact, 0.5)}};
+    j["contact"] = {{"max_active", static_cast<int>(maxOf(active))},
+                    {"max_contacts", static_cast<int>(maxOf(contacts))},
+                    {"max_penetration_m", 1e-3 * maxOf(penetration_mm)},
+                    {"max_residual", max_residual}};
+    j["force"] = {{"peak_N", peak_force},
+                  {"rms_N", ticks > 0 ? std::sqrt(force_squares / static_cast<double>(ticks)) : 0.0},
+                  {"delivered_J", outcome.delivered_energy}};
+    return j;
+  }
+
+  Report report(const Comparison* other, const RunPictures& pictures) const {
+    Report page;
+    page.title = fmt::format("Palpate: {}", config.name);
+    page.subtitle = fmt::format("{} held by {}, method {}, visual step {} ms, latency {}, {} s", config.tool.name,
+                                config.tool.handle, toString(config.method), 1e3 * config.visual_step, config.latency,
+                                config.duration);
+    page.tables.push_back({"This run", {"", "", ""}, rows, ""});
+    page.images = pictures.images;
+    page.images_note = pictures.note;
+    page.plots.push_back(vectorPlot("Force on the hand", "Force, N", plot_time, plot_sent, 0, "time",
+                                    "What the device renders, after the safety stage; world frame, z up."));
+    if (other != nullptr) page.plots.push_back(comparisonPlot(*other));
+    page.plots.push_back(vectorPlot("Torque on the hand", "Torque, N m", plot_time, plot_sent, 3, "time", ""));
+    Plot where;
+    where.title = "Height and travel";
+    where.y_label = "Position, m";
+    where.x = plot_time;
+    where.group = "time";
+    where.note = "Device (solid) and the proxy of the handle (dashed); they part where a force acts.";
+    const std::array<const char*, 3> names{"x", "y", "z"};
+    for (int k = 0; k < 3; ++k) {
+      Series device{std::string("device ") + names[k], {}, std::to_string(k + 1)};
+      Series proxy{std::string("proxy ") + names[k], {}, std::to_string(k + 1)};
+      proxy.dashed = true;
+      for (std::size_t i = 0; i < plot_time.size(); ++i) {
+        device.values.push_back(plot_device[i][k]);
+        proxy.values.push_back(plot_proxy[i][k]);
+      }
+      where.series.push_back(std::move(device));
+      where.series.push_back(std::move(proxy));
+    }
+    page.plots.push_back(std::move(where));
+    const auto stepPlot = [&](const std::string& title, const std::string& label, std::vector<Series> series,
+                              const std::string& note) {
+      Plot p;
+      p.title = title;
+      p.y_label = label;
+      p.x = step_time;
+      p.series = std::move(series);
+      p.group = "time";
+      p.half_width = true;
+      p.note = note;
+      page.plots.push_back(std::move(p));
+    };
+    stepPlot("Contacts", "Contacts", {{"after reduction", contacts}, {"carrying force", active}, {"sliding", sliding}},
+             "");
+    stepPlot("Deepest penetration", "Penetration, mm", {{"penetration", penetration_mm}},
+             "Of any surface vertex at the end of a visual step.");
+    stepPlot("Energy of the bodies", "Energy, J", {{"kinetic", kinetic}, {"elastic", elastic}}, "");
+    stepPlot("Cost of a visual step", "Time, ms", {{"whole step", step_ms}, {"linearization", linearization_ms}}, "");
+    page.footer =
+        "Written by palpate run. The numbers behind the plots: haptic.csv, visual.csv, timing.csv, summary.json.";
+    return page;
+  }
+
+  void writePng(const std::string& name, const std::vector<unsigned char>& png) {
+    writeWhole(folder.stage(name), {reinterpret_cast<const char*>(png.data()), png.size()});
+  }
+
+  // Those of an earlier run with more pictures would look like this run's.
+  void removeOldPictures(const RunPictures& pictures) const {
+    std::error_code ignored;
+    for (std::size_t k = pictures.images.size() + 1; k <= kMostPictures; ++k) {
+      std::filesystem::remove(folder.path() / fmt::format("picture-{}.png", k), ignored);
+    }
+    if (pictures.sheet.empty()) std::filesystem::remove(folder.path() / "pictures.png", ignored);
+  }
+
+  Plot comparisonPlot(const Comparison& other) const {
+    Plot plot;
+    plot.title = fmt::format("Size of the force: {} beside {}", toString(config.method), other.method);
+    plot.y_label = "Force, N";
+    plot.x = plot_time;
+    plot.group = "time";
+    plot.note = fmt::format(
+        "The same motion of the device, both before the safety stage. Where the hand moves through free air, what {} "
+        "adds is "
+        "drag that is not there.",
+        other.method);
+    Series own{toString(config.method), {}};
+    Series theirs{other.method, {}};
+    std::size_t j = 0;
+    for (std::size_t i = 0; i < plot_time.size(); ++i) {
+      own.values.push_back(plot_raw[i].head<3>().norm());
+      while (j + 1 < other.time.size() && other.time[j] < plot_time[i] - 1e-9) ++j;
+      theirs.values.push_back(other.raw.empty() ? 0.0 : other.raw[j].head<3>().norm());
+    }
+    plot.series = {std::move(theirs), std::move(own)};
+    return plot;
+  }
+
+  SceneConfig config;
+  OutputFolder folder;
+  CsvWriter haptic, motion, visual, timing;
+  std::int64_t ticks = 0;
+  std::int64_t plot_stride = 1;
+  double peak_force = 0, force_squares = 0, max_residual = 0;
+  int restored = 0, not_converged = 0, overruns = 0;
+  std::vector<double> plot_time;
+  std::vector<Vec6> plot_raw, plot_sent;
+  std::vector<Vec3> plot_device, plot_proxy;
+  std::vector<double> step_time, step_ms, step_ms_contact, linearization_ms, linearization_ms_contact, active, contacts,
+      sliding, penetration_mm, kinetic, elastic;
+  std::vector<std::vector<std::string>> rows;
+};
+
+RunFiles::RunFiles(const std::filesystem::path& folder, const SceneConfig& config)
+    : impl_(std::make_unique<Impl>(folder, config)) {
+  constexpr double kPlotRows = 40000;
+  impl_->plot_stride =
+      std::max<std::int64_t>(1, static_cast<std::int64_t>(std::ceil(config.duration / config.haptic_step / kPlotRows)));
+}
+
+RunFiles::~RunFiles() = default;
+
+std::filesystem::path RunFiles::stage(const std::string& name) { return impl_->folder.stage(name); }
+
+RunSink RunFiles::sink() {
+  RunSink s;
+  s.tick = [this](const TickRecord& r) { impl_->tick(r); };
+  s.visual = [this](const VisualRecord& r) { impl_->step(r); };
+  return s;
+}
+
+void RunFiles::finish(const BuiltScene& scene, const RunOutcome& outcome, const Comparison* comparison,
+                      const RunPictures& pictures) {
+  Impl& i = *impl_;
+  i.haptic.close();
+  i.motion.close();
+  i.visual.close();
+  i.timing.close();
+  const auto add = [&](const std::string& what, const std::string& value, const std::string& unit) {
+    i.rows.push_back({what, value, unit});
+  };
+  add("tetrahedra, surface triangles", fmt::format("{}, {}", scene.tetrahedra, scene.surface_triangles), "");
+  add("visual step: median, 95 %, longest",
+      fmt::format("{:.3g}, {:.3g}, {:.3g}", percentile(i.step_ms, 0.5), percentile(i.step_ms, 0.95),
+                  i.maxOf(i.step_ms)),
+      "ms");
+  add("  of it linearization, median", fmt::format("{:.3g}", percentile(i.linearization_ms, 0.5)), "ms");
+  add("haptic tick: median, 99 %, longest",
+      fmt::format("{:.3g}, {:.3g}, {:.3g}", outcome.tick_us[0], outcome.tick_us[1], outcome.tick_us[2]), "us");
+  if (outcome.realtime) {
+    add("wake-up latency: median, 99 %, longest",
+        fmt::format("{:.3g}, {:.3g}, {:.3g}", outcome.wake_us[0], outcome.wake_us[1], outcome.wake_us[2]), "us");
+    add("haptic ticks missed", fmt::format("{} of {}", outcome.missed, outcome.ticks + outcome.missed), "");
+  }
+  add("contacts carrying force, most", fmt::format("{:.0f}", i.maxOf(i.active)), "");
+  add("deepest penetration", fmt::format("{:.3g}", i.maxOf(i.penetration_mm)), "mm");
+  add("force on the hand: peak, RMS",
+      fmt::format("{:.3g}, {:.3g}", i.peak_force,
+                  std::sqrt(i.force_squares / static_cast<double>(std::max<std::int64_t>(1, i.ticks)))),
+      "N");
+  for (std::size_t k = 0; k < pictures.images.size(); ++k) {
+    i.writePng(fmt::format("picture-{}.png", k + 1), pictures.images[k].png);
+  }
+  if (!pictures.sheet.empty()) i.writePng("pictures.png", pictures.sheet);
+  writeReport(i.folder.stage("report.html"), i.report(comparison, pictures));
+  writeJson(i.folder.stage("summary.json"), i.summary(scene, outcome));
+  i.folder.commit();
+  i.removeOldPictures(pictures);
+}
+
+std::string RunFiles::table() const {
+  std::string out;
+  for (const auto& row : impl_->rows) out += fmt::format("  {:<42}{:>22} {}\n", row[0], row[1], row[2]);
+  return out;
+}
+
+}  // namespace palpate

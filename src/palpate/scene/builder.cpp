@@ -1,0 +1,331 @@
+#include "palpate/scene/builder.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "palpate/common/error.h"
+#include "palpate/common/overloaded.h"
+#include "palpate/devices/prescribed_device.h"
+#include "palpate/devices/recorded_device.h"
+#include "palpate/devices/simulated_device.h"
+#include "palpate/haptics/coupling.h"
+#include "palpate/math/rotation.h"
+#include "palpate/mesh/alien.h"
+#include "palpate/mesh/revolution.h"
+#include "palpate/mesh/shapes.h"
+#include "palpate/mesh/surface_io.h"
+#include "palpate/mesh/surface_measures.h"
+#include "palpate/mesh/tetrahedral_io.h"
+#include "palpate/scene/method.h"
+#include "palpate/scene/region.h"
+
+namespace palpate {
+namespace {
+
+// Stands a surface on the origin: centered in x and y, its lowest point at z = 0.
+void stand(std::vector<Vec3>& points) {
+  Vec3 low = points.front();
+  Vec3 high = points.front();
+  for (const Vec3& p : points) {
+    low = low.cwiseMin(p);
+    high = high.cwiseMax(p);
+  }
+  const Vec3 shift(-0.5 * (low.x() + high.x()), -0.5 * (low.y() + high.y()), -low.z());
+  for (Vec3& p : points) p += shift;
+}
+
+Surface readSurfaceShape(const SurfaceShapeConfig& shape) {
+  Surface surface = loadSolid(shape.file.path.string(), shape.size.value_or(0.0));
+  for (Vec3& p : surface.vertices) {
+    if (shape.up == AxisName::y) p = Vec3(p.x(), -p.z(), p.y());
+    if (shape.up == AxisName::x) p = Vec3(p.y(), p.z(), p.x());
+  }
+  if (shape.size) stand(surface.vertices);
+  return surface;
+}
+
+Surface standing(Surface surface) {
+  stand(surface.vertices);
+  return surface;
+}
+
+// The shapes that are surfaces, in rest coordinates.
+Surface buildSurface(const ShapeConfig& shape) {
+  return std::visit(Overloaded{[](const AlienShapeConfig& s) {
+                                 return makeAlien({s.height, s.resolution}).surface;
+                               },
+                               [](const SurfaceShapeConfig& s) { return readSurfaceShape(s); },
+                               [](const BoxShapeConfig& s) { return standing(boxSurface(s.size)); },
+                               [](const SphereShapeConfig& s) { return standing(sphereSurface(s.radius)); },
+                               [](const CapsuleShapeConfig& s) {
+                                 return standing(capsuleSurface(s.radius, s.length - 2 * s.radius));
+                               },
+                               [](const RevolutionShapeConfig& s) { return revolutionSurface(s.profile, s.segments); },
+                               [](const auto&) -> Surface { throw InputError("shape", "", "is not a surface"); }},
+                    shape);
+}
+
+Surface placed(Surface surface, const Pose& pose) {
+  for (Vec3& p : surface.vertices) p = pose.apply(p);
+  return surface;
+}
+
+void place(SimulationMesh& mesh, const Pose& pose) {
+  for (Vec3& p : mesh.mesh.nodes) p = pose.apply(p);
+  for (Vec3& p : mesh.surface.vertices) p = pose.apply(p);
+}
+
+Handle buildHandle(const ToolConfig& tool, const SimulationMesh& rest, const Body& body) {
+  const HandleConfig& config = tool.chosenHandle();
+  const RegionConfig region = resolvedRegion(config.region, tool.shape);
+  std::vector<int> nodes;
+  std::vector<Vec3> positions;
+  std::vector<double> masses;
+  for (int i = 0; i < body.nodes(); ++i) {
+    if (!contains(region, rest.mesh.nodes[i])) continue;
+    nodes.push_back(i);
+    positions.push_back(body.positions().segment<3>(3 * i));
+    masses.push_back(body.elasticity().mass()[i]);
+  }
+  return makeHandle(config.name, nodes, positions, masses, config.mass, config.inertia.value_or(Vec3::Zero()),
+                    tool.pose.rotation);
+}
+
+Material buildMaterial(const MaterialConfig& m) {
+  return {m.youngs_modulus, m.poisson_ratio, m.density, m.damping_alpha, m.damping_beta};
+}
+
+Obstacle buildObstacle(const ObstacleConfig& config) {
+  Obstacle out;
+  out.name = config.name;
+  out.friction = config.friction;
+  std::visit(
+      Overloaded{[&](const PlaneObstacleConfig& s) {
+                   out.shape = PlaneShape{s.point, s.normal};
+                 },
+                 [&](const BoxObstacleConfig& s) {
+                   out.shape = BoxShape{s.pose, s.half_extents};
+                 },
+                 [&](const SphereObstacleConfig& s) {
+                   out.shape = SphereShape{s.center, s.radius};
+                 },
+                 [&](const CapsuleObstacleConfig& s) {
+                   out.shape = CapsuleShape{s.a, s.b, s.radius};
+                 },
+                 [&](const MeshObstacleConfig& m) { out.shape = MeshShape{placed(buildSurface(m.shape), m.pose)}; }},
+      config.geometry);
+  return out;
+}
+
+Path buildPath(const HandConfig& hand) {
+  std::vector<PathKey> keys;
+  for (const KeyframeConfig& k : hand.keyframes) keys.push_back({k.time, k.position, k.rotation});
+  return Path(std::move(keys), hand.smooth ? Interpolation::smooth : Interpolation::linear);
+}
+
+SimulatedDeviceSettings simulatedSettings(const DeviceConfig& d) {
+  SimulatedDeviceSettings s;
+  const auto set = [](double& value, const std::optional<double>& given) { value = given.value_or(value); };
+  set(s.mass, d.mass);
+  set(s.inertia, d.inertia);
+  set(s.damping, d.damping);
+  set(s.rotational_damping, d.rotational_damping);
+  set(s.hand_stiffness, d.hand_stiffness);
+  set(s.hand_damping, d.hand_damping);
+  set(s.hand_rotational_stiffness, d.hand_rotational_stiffness);
+  set(s.hand_rotational_damping, d.hand_rotational_damping);
+  s.limits = d.limits;
+  return s;
+}
+
+std::unique_ptr<Device> buildDevice(const SceneConfig& config, Pose& start) {
+  const DeviceConfig& d = config.device;
+  if (d.kind == DeviceName::recorded) {
+    MotionRecording motion = readMotion(d.recording->path);
+    auto device = std::make_unique<RecordedDevice>(std::move(motion), d.limits);
+    start = device->sample(0.0).pose;
+    return device;
+  }
+  Path path = buildPath(config.tool.chosenHandle().hand);
+  if (d.kind == DeviceName::prescribed) return std::make_unique<PrescribedDevice>(std::move(path), start, d.limits);
+  return std::make_unique<SimulatedDevice>(simulatedSettings(d), std::move(path), start);
+}
+
+HapticSettings buildHaptic(const SceneConfig& config, const World& world) {
+  HapticSettings h;
+  h.dt = config.haptic_step;
+  h.rendering = renderingOf(config.method);
+  h.link = world.link;
+  const Handle& handle = world.tool().handle();
+  h.proxy.mass = handle.mass;
+  h.proxy.inertia = handle.inertia;
+  h.proxy.gravity = config.gravity;
+  if (config.weight_compensation) h.compensation = staticWeight(world);
+  h.safety = safetyForDevice(config.device.limits);
+  h.safety.model_age_limit = config.safety.model_age_limit.value_or(modelAgeLimit(config.visual_step, config.latency));
+  if (config.safety.max_slew) h.safety.force_slew = *config.safety.max_slew;
+  if (config.safety.start_ramp) h.safety.start_ramp = *config.safety.start_ramp;
+  return h;
+}
+
+}  // namespace
+
+CompensatedWeight staticWeight(const World& world) {
+  const Body& tool = world.tool();
+  const Handle& handle = tool.handle();
+  CompensatedWeight out;
+  out.weight = tool.totalMass() * world.gravity;
+  Vec3 moment = (handle.mass - handle.attached_mass) * handle.pose.position;
+  for (int i = 0; i < tool.nodes(); ++i) moment += tool.elasticity().mass()[i] * tool.positions().segment<3>(3 * i);
+  out.center = handle.pose.rotation.conjugate() * (moment / tool.totalMass() - handle.pose.position);
+  return out;
+}
+
+std::unique_ptr<MouseDevice> buildMouse(const SceneConfig& config, const Pose& start) {
+  return std::make_unique<MouseDevice>(simulatedSettings(config.device), buildPath(config.tool.chosenHandle().hand),
+                                       start);
+}
+
+SimulationMesh buildMesh(const BodyConfig& config, EmbedReport* report) {
+  if (const auto* bar = std::get_if<BarShapeConfig>(&config.shape)) {
+    SimulationMesh mesh = barMesh(bar->size, bar->cells);
+    const Vec3 shift(-0.5 * bar->size.x(), -0.5 * bar->size.y(), 0.0);
+    place(mesh, {shift, Quat::Identity()});
+    return mesh;
+  }
+  if (const auto* file = std::get_if<TetrahedraFileShapeConfig>(&config.shape)) {
+    return simulationMeshOf(readTetrahedra(file->file.path.string()), config.name);
+  }
+  EmbedOptions options;
+  options.target_tetrahedra = config.tetrahedra;
+  options.name = config.name;
+  return embedSurface(buildSurface(config.shape), options, report);
+}
+
+namespace {
+
+double frictionOf(const BodyConfig& body, const SceneConfig& config) {
+  return body.friction.value_or(config.contact.friction);
+}
+
+void count(BuiltScene& out, const SimulationMesh& mesh) {
+  out.tetrahedra += static_cast<int>(mesh.mesh.tetrahedra.size());
+  out.nodes += static_cast<int>(mesh.mesh.nodes.size());
+  out.surface_triangles += static_cast<int>(mesh.surface.triangles.size());
+}
+
+// Materials of a body's tetrahedra where it has parts; none otherwise.
+std::vector<ElementMaterial> elementMaterials(const BodyConfig& body, const SimulationMesh& rest) {
+  const MaterialConfig& own = body.material;
+  if (own.parts.empty()) return {};
+  std::vector<ElementMaterial> out;
+  for (const int part : materialPartsOf(body, elementCentroids(rest.mesh))) {
+    if (part < 0) {
+      out.push_back({own.youngs_modulus, own.poisson_ratio, own.density});
+    } else {
+      const MaterialPartConfig& p = own.parts[static_cast<std::size_t>(part)];
+      out.push_back({p.youngs_modulus, p.poisson_ratio, p.density});
+    }
+  }
+  return out;
+}
+
+// Bodies by their place in the world, obstacles as FrictionTable counts them.
+void setFrictionPairs(const SceneConfig& config, World& world) {
+  const auto find = [&](const std::string& name) {
+    for (std::size_t i = 0; i < config.obstacles.size(); ++i) {
+      if (config.obstacles[i].name == name) return FrictionTable::obstacle(static_cast<int>(i));
+    }
+    for (std::size_t i = 0; i < config.bodies.size(); ++i) {
+      if (config.bodies[i].name == name) return static_cast<int>(i) + 1;
+    }
+    return world.toolIndex();
+  };
+  for (const FrictionPairConfig& p : config.contact.pairs) world.setFriction(find(p.first), find(p.second), p.value);
+}
+
+// One after the other with the rest held still; together only if they lean on each other, as that takes far longer.
+void settle(World& world, const std::vector<int>& bodies, const Pose& device) {
+  bool leaning = false;
+  for (auto i = bodies.rbegin(); i != bodies.rend(); ++i) {  // the tool last
+    world.settle({*i}, device);
+    const ContactSet& set = world.contacts();
+    for (std::size_t c = 0; c < set.contacts.size(); ++c) {
+      const Contact& contact = set.contacts[c];
+      leaning |= set.status[c].state != ContactState::open && contact.second.body >= 0 &&
+                 contact.second.body != contact.first.body;
+    }
+  }
+  if (leaning && bodies.size() > 1) world.settle(bodies, device);
+}
+
+BuiltScene buildChecked(const SceneConfig& config) {
+  BuiltScene out;
+  World& world = out.world;
+  world.gravity = config.gravity;
+  const LinkParameters allowed = linkForDevice(config.device.limits);
+  world.link = {config.link.stiffness.value_or(allowed.stiffness), config.link.damping.value_or(allowed.damping),
+                config.link.rotational_stiffness.value_or(allowed.rotational_stiffness),
+                config.link.rotational_damping.value_or(allowed.rotational_damping)};
+  world.contact.cone = config.contact.cone;
+  world.contact.penetration_tolerance = config.contact.penetration_tolerance;
+  world.contact.reach = config.contact.margin;
+  world.contact.recovery_speed = config.contact.max_recovery_speed;
+  world.contact.max_passes = config.contact.max_passes;
+  world.contact.reduce = config.contact.reduction;
+  world.contact.solver.max_iterations = config.contact.solver.max_iterations;
+  world.contact.solver.tolerance = config.contact.solver.tolerance;
+  for (const ObstacleConfig& o : config.obstacles) world.obstacles.push_back(buildObstacle(o));
+
+  const auto add = [&](const BodyConfig& b, const Vec6& velocity, bool tool) {
+    EmbedReport report;
+    const SimulationMesh rest = buildMesh(b, &report);
+    SimulationMesh mesh = rest;
+    place(mesh, b.pose);
+    count(out, mesh);
+    Body body(b.name, std::move(mesh), buildMaterial(b.material), frictionOf(b, config), velocity,
+              elementMaterials(b, rest));
+    if (tool) {
+      if (report.tetrahedra > 0) out.embedding = report;
+      body.hold(buildHandle(config.tool, rest, body));
+    }
+    return world.add(std::move(body), b.self_contact);
+  };
+  add(config.tool, Vec6::Zero(), true);
+  out.start = world.tool().handle().pose;
+  out.device = buildDevice(config, out.start);
+  world.contact.thickness =
+      config.contact.thickness.value_or(0.002 * boundsOf(world.tool().mesh().surface.vertices).diagonal());
+  std::vector<int> settling{world.toolIndex()};
+  for (const FreeBodyConfig& b : config.bodies) {
+    Vec6 velocity;
+    velocity << b.velocity, b.angular_velocity;
+    if (b.rigid) {
+      const Surface surface = placed(buildSurface(b.shape), b.pose);
+      out.surface_triangles += static_cast<int>(surface.triangles.size());
+      world.add(
+          Body::rigid(b.name, surface, b.material.density, frictionOf(b, config), velocity, b.material.damping_alpha));
+      continue;
+    }
+    const int index = add(b, velocity, false);
+    if (b.settled) settling.push_back(index);
+  }
+  setFrictionPairs(config, world);
+  settle(world, settling, out.start);
+  out.linearization.delassus = delassusOf(config.method);
+  out.linearization.derivative = config.derivative == DerivativeName::full ? Derivative::full : Derivative::frozen;
+  out.haptic = buildHaptic(config, world);
+  return out;
+}
+
+}  // namespace
+
+BuiltScene buildScene(const SceneConfig& config) {
+  try {
+    return buildChecked(config);
+  } catch (const InputError& e) {
+    throw InputError(config.file.string(), "", e.what());
+  }
+}
+
+}  // namespace palpate

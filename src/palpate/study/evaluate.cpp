@@ -1,0 +1,262 @@
+#include "palpate/study/evaluate.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+#include <exception>
+#include <mutex>
+#include <thread>
+
+#include "palpate/common/error.h"
+#include "palpate/common/parallel.h"
+#include "palpate/haptics/device_filter.h"
+#include "palpate/scene/builder.h"
+#include "palpate/scene/checks.h"
+#include "palpate/scene/overrides.h"
+#include "palpate/scene/text.h"
+#include "palpate/session/lockstep.h"
+
+namespace palpate {
+namespace {
+
+constexpr int kThreads = 2;
+constexpr double kMostTicks = 200000;  // all traces of a scene are in memory at once
+constexpr std::size_t kMostVisualSteps = 16;
+constexpr double kOnsetShare = 0.1;  // of the reference's peak
+
+/// What a run leaves behind for the comparison.
+struct RunTrace {
+  WrenchTrace raw;
+  MotionTrace motion;          // of the reference only
+  std::vector<char> touching;  // of the reference only
+  int restored = 0;
+};
+
+RunTrace trace(const SceneConfig& config, bool with_motion, const std::function<void(double)>& progress) {
+  RunTrace out;
+  BuiltScene scene = buildScene(config);
+  bool touching = false;
+  RunSink sink;
+  sink.progress = progress;
+  sink.visual = [&](const VisualRecord& r) {
+    touching = r.step.active > 0;
+    if (r.step.status == StepStatus::restored) ++out.restored;
+  };
+  sink.tick = [&](const TickRecord& r) {
+    out.raw.push_back(r.raw);
+    if (!with_motion) return;
+    out.motion.push_back(r.device);
+    out.touching.push_back(touching ? 1 : 0);
+  };
+  runLockstep(scene, timingOf(config), sink);
+  return out;
+}
+
+/// Jobs that do not depend on each other, and the cost of each for the progress shown.
+class Jobs {
+ public:
+  void add(double cost, std::function<void(const std::function<void(double)>&)> work) {
+    jobs_.push_back({cost, 0.0, std::move(work), nullptr});
+    total_ += cost;
+  }
+
+  /// Runs all; of several that fail, the first added throws.
+  void run(const std::function<void(double)>& progress) {
+    std::atomic<std::size_t> next{0};
+    const auto worker = [&] {
+      for (std::size_t i = next++; i < jobs_.size(); i = next++) {
+        try {
+          jobs_[i].work([&, i](double share) { report(i, share, progress); });
+        } catch (...) {
+          jobs_[i].failure = std::current_exception();
+          next = jobs_.size();  // the rest would be for nothing
+        }
+      }
+    };
+    const ExecutorScope alone(nullptr);  // runs side by side need no help within
+    std::vector<std::thread> threads;
+    for (int k = 1; k < kThreads; ++k) threads.emplace_back(worker);
+    worker();
+    for (std::thread& t : threads) t.join();
+    for (const Job& job : jobs_) {
+      if (job.failure) std::rethrow_exception(job.failure);
+    }
+  }
+
+ private:
+  struct Job {
+    double cost, share;
+    std::function<void(const std::function<void(double)>&)> work;
+    std::exception_ptr failure;
+  };
+
+  void report(std::size_t job, double share, const std::function<void(double)>& progress) {
+    const std::lock_guard lock(mutex_);
+    jobs_[job].share = share;
+    double done = 0;
+    for (const Job& j : jobs_) done += j.cost * j.share;
+    progress(done / total_);
+  }
+
+  std::vector<Job> jobs_;
+  double total_ = 0;
+  std::mutex mutex_;
+};
+
+SceneConfig variant(const SceneConfig& config, const std::string& method, double visual_step) {
+  SceneConfig out = config;
+  Overrides overrides;
+  overrides.method = method;
+  overrides.visual_dt = visual_step;
+  applyOverrides(out, overrides);
+  return out;
+}
+
+}  // namespace
+
+void checkStudy(const SceneConfig& config, const StudySettings& settings) {
+  const std::vector<std::string>& known = methodNames();
+  for (const std::string& method : settings.methods) {
+    if (std::find(known.begin(), known.end(), method) == known.end()) {
+      throw InputError("--methods", "", fmt::format("{} is not one of {}", shownText(method), fmt::join(known, ", ")));
+    }
+  }
+  if (settings.methods.empty()) throw InputError("--methods", "", "names no method");
+  if (settings.visual_steps.empty()) throw InputError("--visual-dt", "", "names no visual step");
+  if (settings.visual_steps.size() > kMostVisualSteps || settings.methods.size() > known.size()) {
+    throw InputError("--visual-dt", "",
+                     fmt::format("a study holds at most {} visual steps and each method once", kMostVisualSteps));
+  }
+  if (config.duration / config.haptic_step > kMostTicks) {
+    throw InputError("--duration", "",
+                     fmt::format("a study holds at most {:.0f} haptic ticks, which is {} s here", kMostTicks,
+                                 kMostTicks * config.haptic_step));
+  }
+  for (const double visual_step : settings.visual_steps) variant(config, settings.methods.front(), visual_step);
+}
+
+namespace {
+
+// The path of the hand stands for the hand, so that the motion does not depend on the force.
+SceneConfig withGivenMotion(SceneConfig config) {
+  if (config.device.kind == DeviceName::simulated) config.device.kind = DeviceName::prescribed;
+  return config;
+}
+
+// Times of the half-step run that the reference has too
+TraceError halfStepError(const SceneConfig& reference_config, const WrenchTrace& reference,
+                         const std::function<void(double)>& progress) {
+  SceneConfig fine = reference_config;
+  fine.haptic_step *= 0.5;
+  fine.visual_step *= 0.5;
+  const RunTrace run = trace(fine, false, progress);
+  WrenchTrace common;
+  for (std::size_t i = 0; i < reference.size(); ++i) common.push_back(run.raw[std::min(2 * i, run.raw.size() - 1)]);
+  return traceError(reference, common);
+}
+
+void measure(SceneStudy& study, const std::vector<char>& touching) {
+  const double dt = study.config.haptic_step;
+  study.reference_peak = peakForce(study.reference);
+  study.reference_returned = returnedEnergy(study.reference, study.motion);
+  study.segments = settledFreeSegments(study.motion, touching, dt);
+  const std::optional<std::size_t> contact = contactOnset(touching);
+  const double threshold = kOnsetShare * study.reference_peak;
+  std::optional<double> reference_rise;
+  if (contact) {
+    study.contact_time = static_cast<double>(*contact) * dt;
+    reference_rise = forceRise(study.reference, *contact, threshold, dt);
+  }
+  for (StudyRow& row : study.rows) {
+    row.error = traceError(row.trace, study.reference);
+    row.drag = drag(row.trace, study.reference, study.motion, study.segments);
+    row.returned = returnedEnergy(row.trace, study.motion);
+    if (!reference_rise) continue;
+    const std::optional<double> rise = forceRise(row.trace, *contact, threshold, dt);
+    if (rise) row.onset = *rise - *reference_rise;
+  }
+}
+
+}  // namespace
+
+SceneConfig referenceConfig(const SceneConfig& config) {
+  SceneConfig out = withGivenMotion(config);
+  out.method = MethodName::vc;
+  out.visual_step = out.haptic_step;
+  out.substeps = 1;
+  out.substeps_auto = false;
+  out.latency = 0;
+  out.aim = AimName::sample;
+  return out;
+}
+
+WrenchTrace idealRendering(const SceneConfig& config, double visual_step) {
+  BuiltScene scene = buildScene(withGivenMotion(config));
+  DeviceFilter filter(scene.haptic.filter);
+  filter.reset(scene.start);
+  const auto wrenchNow = [&](const DeviceState& device) {
+    const Handle& handle = scene.world.tool().handle();
+    return couplingWrench(scene.haptic.link, handle.pose, handle.twist, device);
+  };
+  WrenchTrace samples{wrenchNow({scene.start, Vec6::Zero(), 0})};
+  const auto steps = static_cast<std::size_t>(std::ceil(config.duration / visual_step - 1e-9));
+  for (std::size_t k = 1; k <= steps; ++k) {
+    const DeviceState device = filter.accept(scene.device->sample(static_cast<double>(k) * visual_step));
+    const StepReport report = scene.world.step({device.pose, device.twist}, visual_step);
+    // a failed step leaves the last good state; it shows in the floor as the error that it is
+    static_cast<void>(report);
+    samples.push_back(wrenchNow(device));
+  }
+  const auto ticks = static_cast<std::size_t>(std::llround(config.duration / config.haptic_step));
+  return interpolateSamples(samples, visual_step, ticks, config.haptic_step);
+}
+
+SceneStudy evaluateScene(const SceneConfig& scene, const StudySettings& settings,
+                         const std::function<void(double)>& progress) {
+  checkStudy(scene, settings);
+  SceneStudy study;
+  study.config = withGivenMotion(scene);
+  const SceneConfig reference_config = referenceConfig(scene);
+  const auto steps = [&](double visual_step) { return scene.duration / visual_step; };
+
+  Jobs jobs;
+  RunTrace reference;
+  const double fine = steps(reference_config.visual_step);
+  jobs.add(fine, [&](const auto& share) { reference = trace(reference_config, true, share); });
+  std::vector<RunTrace> runs(settings.visual_steps.size() * settings.methods.size());
+  std::vector<WrenchTrace> floors(settings.visual_steps.size());
+  for (std::size_t k = 0; k < settings.visual_steps.size(); ++k) {
+    const double visual_step = settings.visual_steps[k];
+    for (std::size_t m = 0; m < settings.methods.size(); ++m) {
+      const SceneConfig config = variant(study.config, settings.methods[m], visual_step);
+      RunTrace& out = runs[study.rows.size()];
+      jobs.add(steps(visual_step), [config, &out](const auto& share) { out = trace(config, false, share); });
+      StudyRow row;
+      row.method = settings.methods[m];
+      row.visual_step = visual_step;
+      study.rows.push_back(std::move(row));
+    }
+    jobs.add(steps(visual_step), [&, k, visual_step](const auto& share) {
+      floors[k] = idealRendering(study.config, visual_step);
+      share(1.0);
+    });
+  }
+  jobs.run(progress);
+
+  study.reference = std::move(reference.raw);
+  study.motion = std::move(reference.motion);
+  for (std::size_t i = 0; i < study.rows.size(); ++i) {
+    const TraceError floor = traceError(floors[i / settings.methods.size()], study.reference);
+    study.rows[i].trace = std::move(runs[i].raw);
+    study.rows[i].restored = runs[i].restored;
+    study.rows[i].floor_rms = floor.rms_force;
+    study.rows[i].floor_rms_torque = floor.rms_torque;
+  }
+  measure(study, reference.touching);
+  if (settings.reference_check) study.reference_error = halfStepError(reference_config, study.reference, progress);
+  return study;
+}
+
+}  // namespace palpate

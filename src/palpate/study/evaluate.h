@@ -1,0 +1,76 @@
+#pragma once
+
+#include <filesystem>
+#include <functional>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "palpate/scene/config.h"
+#include "palpate/study/fidelity.h"
+
+namespace palpate {
+
+/// What the fidelity study varies; the rest (latency, aim, derivative, handle, ...) is the scene's.
+struct StudySettings {
+  std::vector<std::string> methods{"hsl", "hsl-exact", "vc"};
+  std::vector<double> visual_steps{0.010, 0.020, 0.033};  ///< [s]
+  bool reference_check = false;                           ///< run the reference at half its step too
+};
+
+/// One method at one visual step, against the reference.
+struct StudyRow {
+  std::string method;
+  double visual_step = 0;  ///< [s]
+  TraceError error;
+  std::optional<double> drag;   ///< [N]
+  std::optional<double> onset;  ///< later than the reference [s]
+  double returned = 0;          ///< [J]
+  double floor_rms = 0;         ///< error of the same coarse steps, rendered ideally [N]
+  double floor_rms_torque = 0;  ///< [N m]
+  int restored = 0;             ///< visual steps that failed
+  WrenchTrace trace;
+};
+
+/// A scene's study: one motion of the device, the reference, and all rows in the order visual step, method.
+struct SceneStudy {
+  SceneConfig config;
+  MotionTrace motion;
+  WrenchTrace reference;
+  double reference_peak = 0;                  ///< [N]
+  double reference_returned = 0;              ///< [J]
+  std::optional<TraceError> reference_error;  ///< against half the step, where asked for
+  std::vector<TickRange> segments;            ///< on which drag is measured
+  std::optional<double> contact_time;         ///< at which the reference's first contact begins [s]
+  std::vector<StudyRow> rows;
+};
+
+/// Whether a study can be made at all. @throws InputError naming the option
+void checkStudy(const SceneConfig& config, const StudySettings& settings);
+
+/// Runs the study of a scene, two runs at a time; the result does not depend on that. A simulated device is replaced by
+/// its hand's path, so that every run has the same motion.
+/// @param config    a checked scene
+/// @param progress  share done, 0 to 1; called from one thread at a time
+/// @throws InputError for an unknown method, a visual step that is no multiple of the haptic one, a run too long to
+///         compare; RunError if the reference fails
+SceneStudy evaluateScene(
+    const SceneConfig& config, const StudySettings& settings,
+    const std::function<void(double)>& progress = [](double) {});
+
+/// The scene at one haptic step a visual step, no latency, virtual coupling: what the study compares with. The visual
+/// handle aims at the sample, which is where the device is when the step's result is used.
+SceneConfig referenceConfig(const SceneConfig& config);
+
+/// Coarse steps rendered ideally: each aims at where the device is at its end, and its link's wrench counts at that
+/// time; linear in between.
+WrenchTrace idealRendering(const SceneConfig& config, double visual_step);
+
+/// Rows as a table for the terminal.
+std::string studyTable(const std::vector<SceneStudy>& studies);
+
+/// Writes summary.json and report.html.
+/// @throws InputError if the folder cannot be written
+void writeStudy(const std::vector<SceneStudy>& studies, const std::filesystem::path& folder);
+
+}  // namespace palpate

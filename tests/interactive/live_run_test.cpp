@@ -1,0 +1,236 @@
+#include "palpate/interactive/live_run.h"
+
+#include <gtest/gtest.h>
+
+#include <unistd.h>
+
+#include <chrono>
+#include <condition_variable>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <mutex>
+#include <nlohmann/json.hpp>
+#include <thread>
+
+#include "shared/soft_cube.h"
+
+namespace palpate {
+namespace {
+
+using Json = nlohmann::json;
+
+/// Keeps the newest of everything, and counts.
+class Listener final : public Audience {
+ public:
+  void greet(std::vector<Message> messages) override {
+    const std::lock_guard lock(mutex_);
+    scene_ = Json::parse(*messages.at(0).bytes);
+    EXPECT_FALSE(messages.at(0).binary);
+    EXPECT_TRUE(messages.at(1).binary);
+    ++greetings;
+    changed_.notify_all();
+  }
+  void state(Bytes json) override {
+    const std::lock_guard lock(mutex_);
+    state_ = Json::parse(*json);
+    changed_.notify_all();
+  }
+  void text(Bytes json) override {
+    const std::lock_guard lock(mutex_);
+    const Json j = Json::parse(*json);
+    (j["type"] == "notice" ? notices_ : stats_).push_back(j);
+    changed_.notify_all();
+  }
+  void textTo(int, Bytes json) override { text(std::move(json)); }
+  void frame(std::uint32_t step, Bytes full, Bytes) override {
+    const std::lock_guard lock(mutex_);
+    step_ = step;
+    std::memcpy(&hand_sequence_, full->data() + 12, 4);
+    float p[3];
+    std::memcpy(p, full->data() + 24, sizeof p);
+    device_ = Vec3(p[0], p[1], p[2]);
+    changed_.notify_all();
+  }
+  void samples(Bytes, std::uint32_t ticks) override {
+    const std::lock_guard lock(mutex_);
+    ticks_ += ticks;
+    changed_.notify_all();
+  }
+  double cpuSeconds() const override { return 0; }
+
+  /// Waits for something to become true.
+  template <typename Condition>
+  bool wait(Condition condition) {
+    std::unique_lock lock(mutex_);
+    return changed_.wait_for(lock, std::chrono::seconds(20), [&] { return condition(*this); });
+  }
+
+  /// A copy of something, as it is now.
+  template <typename Value>
+  Value now(Value Listener::*member) {
+    const std::lock_guard lock(mutex_);
+    return this->*member;
+  }
+
+  Json scene_, state_;
+  std::vector<Json> notices_, stats_;
+  std::uint32_t step_ = 0, hand_sequence_ = 0;
+  std::uint64_t ticks_ = 0;
+  int greetings = 0;
+  Vec3 device_ = Vec3::Zero();
+
+ private:
+  std::mutex mutex_;
+  std::condition_variable changed_;
+};
+
+class LiveRunTest : public testing::Test {
+ protected:
+  LiveRunTest() : folder_(std::filesystem::path(testing::TempDir()) / ("live-" + std::to_string(::getpid()))) {
+    options_.scenes = {{"cube", "", "cube.yaml"}};
+    options_.open = [](const SceneEntry&) { return softCube(); };
+    options_.record_folder = folder_ / "recorded";
+    options_.surface_folder = folder_ / "surfaces";
+  }
+  ~LiveRunTest() override {
+    std::error_code ignored;
+    std::filesystem::remove_all(folder_, ignored);
+  }
+
+  std::filesystem::path folder_;
+  LiveOptions options_;
+  Listener listener_;
+};
+
+TEST_F(LiveRunTest, RunsPausesAndSteps) {
+  LiveRun run(softCube(), options_, listener_);
+  run.start();
+  run.joined(1);
+  EXPECT_TRUE(listener_.wait([](Listener& l) { return l.ticks_ > 100 && l.step_ > 4 && !l.stats_.empty(); }));
+  run.message(1, R"({"type":"pause"})");
+  ASSERT_TRUE(listener_.wait([](Listener& l) { return l.state_["paused"] == true; }));
+  const auto step = listener_.now(&Listener::step_);
+  std::this_thread::sleep_for(std::chrono::milliseconds(100));
+  EXPECT_EQ(listener_.now(&Listener::step_), step);
+  run.message(1, R"({"type":"step"})");
+  EXPECT_TRUE(listener_.wait([step](Listener& l) { return l.step_ == step + 1; }));
+  run.message(1, R"({"type":"resume"})");
+  EXPECT_TRUE(listener_.wait([step](Listener& l) { return l.step_ > step + 3; }));
+}
+
+TEST_F(LiveRunTest, OneViewerHoldsTheHand) {
+  LiveRun run(softCube(), options_, listener_);
+  run.start();
+  run.joined(1);
+  run.joined(2);
+  run.message(1, R"({"type":"take"})");
+  ASSERT_TRUE(listener_.wait([](Listener& l) { return l.state_["hand"] == 1 && l.state_["driver"] == "hand"; }));
+  run.message(2, R"({"type":"take"})");
+  ASSERT_TRUE(listener_.wait([](Listener& l) { return !l.notices_.empty(); }));
+  const Json start = listener_.now(&Listener::scene_)["start"]["position"];
+  const Vec3 goal(start[0].get<double>() + 0.02, start[1].get<double>(), start[2].get<double>() + 0.01);
+  const auto move = [&](int viewer, int sequence, const Vec3& p) {
+    run.message(
+        viewer,
+        Json{{"type", "hand"}, {"seq", sequence}, {"position", {p.x(), p.y(), p.z()}}, {"rotation", {1, 0, 0, 0}}}
+            .dump());
+  };
+  move(2, 99, Vec3(1, 1, 1));
+  move(1, 5, goal);
+  EXPECT_TRUE(listener_.wait([&](Listener& l) { return (l.device_ - goal).norm() < 0.004; }));
+  EXPECT_EQ(listener_.now(&Listener::hand_sequence_), 5u);
+  run.left(1);
+  EXPECT_TRUE(listener_.wait([](Listener& l) { return l.state_["hand"].is_null() && l.state_["viewers"] == 1; }));
+  run.message(2, R"({"type":"play"})");
+  EXPECT_TRUE(listener_.wait([](Listener& l) { return l.state_["driver"] == "path"; }));
+}
+
+TEST_F(LiveRunTest, ChangesWhatItIsAskedTo) {
+  LiveRun run(softCube(), options_, listener_);
+  run.start();
+  run.message(1, R"({"type":"set","method":"vc","visual_step":0.0101,"friction":2,"stiffness":3,"speed":0.5})");
+  EXPECT_TRUE(listener_.wait([](Listener& l) {
+    return l.state_["method"] == "vc" && std::abs(l.state_["visual_step"].get<double>() - 0.01) < 1e-12 &&
+           l.state_["friction"] == 2.0 && l.state_["stiffness"] == 3.0 && l.state_["speed"] == 0.5;
+  }));
+  EXPECT_EQ(listener_.now(&Listener::greetings), 1);  // all of that goes on with the same bodies
+  run.message(1, R"({"type":"set","handle":"side"})");
+  EXPECT_TRUE(listener_.wait([](Listener& l) { return l.greetings == 2 && l.state_["handle"] == "side"; }));
+  EXPECT_EQ(listener_.now(&Listener::state_)["method"], "vc");
+  run.message(1, R"({"type":"reset"})");
+  EXPECT_TRUE(listener_.wait([](Listener& l) { return l.greetings == 3; }));
+  EXPECT_TRUE(listener_.now(&Listener::notices_).empty());
+  for (const char* bad : {R"({"type":"set","method":"magic"})", R"({"type":"set","handle":"tail"})",
+                          R"({"type":"scene","name":"none"})", "nonsense"}) {
+    const auto before = listener_.now(&Listener::notices_).size();
+    run.message(1, bad);
+    EXPECT_TRUE(listener_.wait([&](Listener& l) { return l.notices_.size() == before + 1; })) << bad;
+    EXPECT_EQ(listener_.now(&Listener::notices_).back()["level"], "error");
+  }
+  const auto step = listener_.now(&Listener::step_);
+  EXPECT_TRUE(listener_.wait([step](Listener& l) { return l.step_ > step + 2; }));
+}
+
+TEST_F(LiveRunTest, RecordsARunThatCanBeShownAgain) {
+  LiveRun run(softCube(), options_, listener_);
+  run.start();
+  run.message(1, R"({"type":"record","on":true})");
+  ASSERT_TRUE(listener_.wait([](Listener& l) { return l.state_["recording"].is_string(); }));
+  const std::filesystem::path folder = listener_.now(&Listener::state_)["recording"].get<std::string>();
+  const auto step = listener_.now(&Listener::step_);
+  ASSERT_TRUE(listener_.wait([step](Listener& l) { return l.step_ > step + 10; }));
+  run.message(1, R"({"type":"record","on":false})");
+  ASSERT_TRUE(listener_.wait([](Listener& l) { return l.state_["recording"].is_null() && !l.notices_.empty(); }));
+  for (const char* name : {"haptic.csv", "visual.csv", "motion.csv", "summary.json", "report.html"}) {
+    EXPECT_TRUE(std::filesystem::exists(folder / name)) << name;
+  }
+  std::ifstream in(folder / "recording.palpate", std::ios::binary);
+  const std::string bytes((std::istreambuf_iterator<char>(in)), {});
+  ASSERT_EQ(bytes.substr(0, 8), "PALPATE1");
+  int frames = 0, ticks = 0;
+  std::size_t at = 8;
+  for (int record = 0; at < bytes.size(); ++record) {
+    std::uint32_t head[2];
+    ASSERT_LE(at + 8, bytes.size());
+    std::memcpy(head, bytes.data() + at, 8);
+    ASSERT_LE(at + 8 + head[1], bytes.size());
+    const std::string payload = bytes.substr(at + 8, head[1]);
+    if (record == 0) {
+      EXPECT_EQ(Json::parse(payload)["type"], "scene");
+    }
+    if (record == 2) {
+      EXPECT_EQ(Json::parse(payload)["type"], "state");
+    }
+    if (head[0] == 1) {
+      std::uint32_t kind, count;
+      std::memcpy(&kind, payload.data(), 4);
+      std::memcpy(&count, payload.data() + 8, 4);
+      if (kind == 2) ++frames;
+      if (kind == 3) ticks += static_cast<int>(count);
+    }
+    at += 8 + (head[1] + 7) / 8 * 8;
+  }
+  EXPECT_EQ(at, bytes.size());
+  EXPECT_GE(frames, 10);
+  EXPECT_GE(ticks, 150);
+}
+
+TEST_F(LiveRunTest, HoldsASurfaceThatIsDropped) {
+  LiveRun run(softCube(), options_, listener_);
+  run.start();
+  EXPECT_FALSE(run.surface("block.off",
+                           "OFF\n8 6 0\n0 0 0\n2 0 0\n2 1 0\n0 1 0\n0 0 1\n2 0 1\n2 1 1\n0 1 1\n"
+                           "4 0 3 2 1\n4 4 5 6 7\n4 0 1 5 4\n4 1 2 6 5\n4 2 3 7 6\n4 3 0 4 7\n"));
+  EXPECT_TRUE(listener_.wait([](Listener& l) { return l.greetings == 2 && l.scene_["name"] == "block"; }));
+  const auto step = listener_.now(&Listener::step_);
+  EXPECT_FALSE(run.surface("bad.obj", "v 0 0\n"));
+  EXPECT_TRUE(listener_.wait([](Listener& l) { return !l.notices_.empty(); }));
+  const std::string text = listener_.now(&Listener::notices_).back()["text"];
+  EXPECT_NE(text.find("bad.obj"), std::string::npos) << text;
+  EXPECT_EQ(text.find(folder_.string()), std::string::npos) << text;
+  EXPECT_TRUE(listener_.wait([step](Listener& l) { return l.step_ > step + 3; }));  // the block goes on
+}
+
+}  // namespace
+}  // namespace palpate

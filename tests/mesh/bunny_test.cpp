@@ -1,0 +1,52 @@
+#include <gtest/gtest.h>
+
+#include "palpate/mesh/embed_surface.h"
+#include "palpate/mesh/surface_io.h"
+#include "shared/surface_tools.h"
+
+namespace palpate {
+namespace {
+
+const char* const bunny_path = "/usr/share/glmark2/models/bunny.obj";
+
+const Surface& bunny() {
+  // readSurface says which file is missing: it comes from the package glmark2-data.
+  static const Surface s = readSurface(bunny_path);
+  return s;
+}
+
+TEST(Bunny, IsTheScanThatTheScenesExpect) {
+  EXPECT_EQ(bunny().triangles.size(), 69666u);
+  EXPECT_TRUE(inspectTopology(repairSurface(bunny()).surface).closed());
+}
+
+TEST(Bunny, EmbedsAtBothSizes) {
+  for (int target : {300, 3000}) {
+    EmbedOptions options;
+    options.target_tetrahedra = target;
+    EmbedReport report;
+    const SimulationMesh m = embedSurface(bunny(), options, &report);
+    EXPECT_EQ(complaintsAbout(m), "");
+    EXPECT_NEAR(report.tetrahedra, target, 0.1 * target);
+    EXPECT_EQ(report.components, 1);
+    EXPECT_NEAR(report.sampled_volume / report.surface_volume, 1, 0.005);
+    EXPECT_NEAR(report.mesh_volume / report.surface_volume, 1, 1e-9);
+    EXPECT_EQ(fusedTetrahedra(m, 8 * report.cell_size), 0);
+  }
+}
+
+TEST(Bunny, SurvivesDamage) {
+  EmbedOptions options;
+  EmbedReport whole, hurt;
+  embedSurface(bunny(), options, &whole);
+  options.cell_size = whole.cell_size;
+  const SimulationMesh m = embedSurface(damaged(bunny(), 9), options, &hurt);
+  EXPECT_EQ(complaintsAbout(m), "");
+  EXPECT_NEAR(hurt.mesh_volume / whole.mesh_volume, 1, 0.01);
+  EXPECT_NEAR(hurt.tetrahedra, whole.tetrahedra, 0.03 * whole.tetrahedra);
+  EXPECT_EQ(hurt.components, 1);
+  EXPECT_GT(hurt.repair.topology.holes, 100);
+}
+
+}  // namespace
+}  // namespace palpate

@@ -1,0 +1,277 @@
+#include <gtest/gtest.h>
+
+#include <random>
+
+#include "palpate/common/error.h"
+#include "palpate/math/rotation.h"
+#include "palpate/mesh/alien.h"
+#include "palpate/mesh/bcc_lattice.h"
+#include "palpate/mesh/embed_surface.h"
+#include "palpate/mesh/embedding_map.h"
+#include "palpate/mesh/mesh_quality.h"
+#include "palpate/mesh/shapes.h"
+#include "palpate/mesh/tetrahedron_subdivision.h"
+#include "shared/surface_tools.h"
+
+namespace palpate {
+namespace {
+
+const Alien& alien() {
+  static const Alien a = makeAlien();
+  return a;
+}
+
+TEST(BccLattice, EveryPointLiesInTheTetrahedronThatLocateNames) {
+  const BccLattice lattice(Vec3(-1, 2, 0.5), 0.3, {6, 5, 7});
+  std::mt19937 random(1);
+  std::uniform_real_distribution<double> u(0, 1);
+  for (int i = 0; i < 2000; ++i) {
+    const Vec3 x = lattice.origin() + 0.3 * Vec3(1 + 4 * u(random), 1 + 3 * u(random), 1 + 5 * u(random));
+    const auto at = lattice.locate(x);
+    ASSERT_GE(at.tetrahedron, 0);
+    EXPECT_GE(at.weights.minCoeff(), -1e-12);
+    EXPECT_LT((at.weights - lattice.weights(at.tetrahedron, x)).norm(), 1e-12);
+    const auto points = lattice.points(at.tetrahedron);
+    Vec3 y = Vec3::Zero();
+    std::array<Vec3, 4> p;
+    for (size_t k = 0; k < 4; ++k) {
+      p[k] = lattice.position(points[k]);
+      y += at.weights[static_cast<Eigen::Index>(k)] * p[k];
+    }
+    EXPECT_LT((x - y).norm(), 1e-12);
+    EXPECT_NEAR((p[1] - p[0]).cross(p[2] - p[0]).dot(p[3] - p[0]) / 6, lattice.tetrahedronVolume(), 1e-12);
+  }
+}
+
+TEST(TetrahedronSubdivision, CutsIntoEqualPartsThatMatchOnEveryFace) {
+  for (int m : {1, 2, 3, 5, 8}) {
+    const TetrahedronSubdivision cut(m);
+    ASSERT_EQ(cut.count(), m * m * m);
+    EXPECT_EQ(static_cast<int>(cut.neighbors().size()), (4 * m * m * m - 4 * m * m) / 2);
+    std::array<std::set<std::array<int, 3>>, 4> centers;
+    for (size_t f = 0; f < 4; ++f) {
+      EXPECT_EQ(static_cast<int>(cut.face(f).size()), m * m);
+      for (const auto& part : cut.face(f)) {
+        std::array<int, 3> on_face{};
+        for (size_t k = 0, i = 0; k < 4; ++k)
+          if (k != f) on_face[i++] = part.center[k];
+        std::array<int, 3> sorted = on_face;
+        centers[f].insert(sorted);
+      }
+    }
+    // The pattern of a face is the same whichever face it is and in whichever order its corners come.
+    for (const auto& c : centers[0]) {
+      for (size_t f = 1; f < 4; ++f) EXPECT_TRUE(centers[f].count(c));
+      EXPECT_TRUE(centers[0].count({c[1], c[2], c[0]}) && centers[0].count({c[1], c[0], c[2]}));
+    }
+    for (int i = 0; i < cut.count(); ++i) EXPECT_EQ(cut.locate(cut.centers()[static_cast<size_t>(i)]), i);
+  }
+}
+
+TEST(EmbedSurface, AlienHasItsCountMassAndCenter) {
+  EmbedReport report;
+  EmbedOptions options;
+  options.target_tetrahedra = 288;
+  const SimulationMesh m = embedSurface(alien().surface, options, &report);
+  EXPECT_EQ(complaintsAbout(m), "");
+  EXPECT_GE(report.tetrahedra, 250);
+  EXPECT_LE(report.tetrahedra, 330);
+  EXPECT_EQ(report.components, 1);
+  EXPECT_EQ(report.solid_components, 1);
+  EXPECT_NEAR(report.mesh_volume / report.surface_volume, 1, 1e-9);
+  EXPECT_NEAR(report.sampled_volume / report.surface_volume, 1, 0.01);
+  EXPECT_LT(report.center_error, 1e-9);
+  EXPECT_GT(report.smallest_fill, 0.02);
+  EXPECT_GT(report.smallest_weight, -0.35);
+  EXPECT_NEAR(report.smallest_dihedral_deg, 60, 1e-6);
+}
+
+TEST(EmbedSurface, AlienLimbsShareNoTetrahedron) {
+  for (int target : {288, 150, 600}) {
+    EmbedOptions options;
+    options.target_tetrahedra = target;
+    EmbedReport report;
+    const SimulationMesh m = embedSurface(alien().surface, options, &report);
+    EXPECT_EQ(fusedTetrahedra(m, 6 * report.cell_size), 0) << target;
+  }
+}
+
+Mat3 forkRotation() { return expRotation(Vec3(0.2, -0.3, 0.7)).toRotationMatrix(); }
+
+/// Two parallel prongs joined at one end, the gap between them a third of a cell.
+Surface fork() {
+  const auto f = [](const Vec3& x) {
+    const double left = taperedCapsuleDistance(x, Vec3(-0.015, 0, 0), Vec3(-0.015, 0, 0.25), 0.01, 0.01);
+    const double right = taperedCapsuleDistance(x, Vec3(0.015, 0, 0), Vec3(0.015, 0, 0.25), 0.01, 0.01);
+    const double base = taperedCapsuleDistance(x, Vec3(-0.015, 0, 0), Vec3(0.015, 0, 0), 0.01, 0.01);
+    return smoothUnion(std::min(left, right), base, 0.004);
+  };
+  Surface s = meshImplicit(f, {Vec3(-0.04, -0.025, -0.025), Vec3(0.04, 0.025, 0.275)}, 0.0027, 5);
+  // Askew, or the lattice's own planes of symmetry would tell the prongs apart.
+  for (Vec3& x : s.vertices) x = forkRotation() * x;
+  return s;
+}
+
+TEST(EmbedSurface, ParallelProngsAreApartWithVirtualNodesAndFusedWithout) {
+  const Surface prongs = fork();
+  EmbedOptions options;
+  options.cell_size = 0.03;
+  EmbedReport report;
+  const SimulationMesh apart = embedSurface(prongs, options, &report);
+  EXPECT_EQ(complaintsAbout(apart), "");
+  EXPECT_GT(report.split_tetrahedra, 0);
+  EXPECT_EQ(report.components, 1);
+  EXPECT_EQ(fusedTetrahedra(apart, 6 * options.cell_size), 0);
+
+  options.virtual_nodes = false;
+  EXPECT_GT(fusedTetrahedra(embedSurface(prongs, options), 6 * options.cell_size), 0);
+
+  // Not just no common tetrahedron: the prongs' ends move independently, so they share no node either.
+  const auto nodesNear = [&](const Vec3& place) {
+    const Vec3 tip = forkRotation() * place;
+    std::set<int> nodes;
+    for (size_t v = 0; v < apart.surface.vertices.size(); ++v)
+      if ((apart.surface.vertices[v] - tip).norm() < 0.02)
+        for (int n : apart.mesh.tetrahedra[static_cast<size_t>(apart.embedding[v].tetrahedron)]) nodes.insert(n);
+    return nodes;
+  };
+  for (int n : nodesNear(Vec3(-0.015, 0, 0.25))) EXPECT_FALSE(nodesNear(Vec3(0.015, 0, 0.25)).count(n));
+}
+
+TEST(EmbedSurface, SeparateBodiesStaySeparateAndCavitiesStayEmpty) {
+  Surface two = sphereSurface(0.01, 3);
+  const auto add = [&](const Surface& s, const Vec3& shift, bool turned) {
+    const int base = static_cast<int>(two.vertices.size());
+    for (const Vec3& x : s.vertices) two.vertices.push_back(x + shift);
+    for (auto t : s.triangles) {
+      if (turned) std::swap(t[0], t[1]);
+      two.triangles.push_back({t[0] + base, t[1] + base, t[2] + base});
+    }
+  };
+  add(sphereSurface(0.01, 3), Vec3(0.0205, 0, 0), true);  // inside out: to be turned
+  add(sphereSurface(0.005, 3), Vec3::Zero(), true);       // a cavity: to be left alone
+  EmbedReport report;
+  EmbedOptions options;
+  options.target_tetrahedra = 400;
+  const SimulationMesh m = embedSurface(two, options, &report);
+  EXPECT_EQ(complaintsAbout(m), "");
+  EXPECT_EQ(report.solid_components, 2);
+  EXPECT_EQ(report.components, 2);
+  const double ball = measureSurface(sphereSurface(0.01, 3)).volume;
+  EXPECT_NEAR(report.surface_volume, ball * (2 - 0.125), 1e-9 * ball);
+  EXPECT_NEAR(report.sampled_volume, report.surface_volume, 0.02 * ball);
+}
+
+TEST(EmbedSurface, CountFollowsTheTargetOnSimpleShapes) {
+  for (int target : {60, 300, 1200})
+    for (const Surface& s : {sphereSurface(0.05, 4), boxSurface(Vec3(0.1, 0.2, 0.05)), capsuleSurface(0.02, 0.1, 32)}) {
+      EmbedOptions options;
+      options.target_tetrahedra = target;
+      EmbedReport report;
+      const SimulationMesh m = embedSurface(s, options, &report);
+      EXPECT_EQ(complaintsAbout(m), "");
+      EXPECT_NEAR(report.tetrahedra, target, 0.2 * target);
+      EXPECT_EQ(report.components, 1);
+      EXPECT_LT(report.center_error, 1e-9);
+    }
+}
+
+TEST(EmbedSurface, SurvivesADamagedAlien) {
+  EmbedOptions options;
+  options.target_tetrahedra = 288;
+  EmbedReport whole, hurt;
+  embedSurface(alien().surface, options, &whole);
+  options.cell_size = whole.cell_size;
+  const SimulationMesh m = embedSurface(damaged(alien().surface, 5), options, &hurt);
+  EXPECT_EQ(complaintsAbout(m), "");
+  EXPECT_NEAR(hurt.mesh_volume / whole.mesh_volume, 1, 0.01);
+  EXPECT_NEAR(hurt.tetrahedra, whole.tetrahedra, 0.03 * whole.tetrahedra);
+  EXPECT_EQ(hurt.components, 1);
+  EXPECT_GT(hurt.repair.flipped_triangles, 0);
+  EXPECT_GT(hurt.repair.topology.holes, 0);
+}
+
+TEST(EmbedSurface, IsTheSameEachTime) {
+  const SimulationMesh a = embedSurface(alien().surface);
+  const SimulationMesh b = embedSurface(alien().surface);
+  EXPECT_EQ(a.mesh.tetrahedra, b.mesh.tetrahedra);
+  EXPECT_EQ(a.mesh.nodes, b.mesh.nodes);
+  EXPECT_EQ(a.fill, b.fill);
+}
+
+TEST(EmbedSurface, RefusesBadInputInOneLine) {
+  const auto message = [](const Surface& s, const EmbedOptions& options) -> std::string {
+    try {
+      embedSurface(s, options);
+    } catch (const InputError& e) {
+      return e.what();
+    }
+    return "";
+  };
+  EmbedOptions options;
+  options.name = "thing.obj";
+  Surface one{{Vec3(0, 0, 0), Vec3(1, 0, 0), Vec3(0, 1, 0)}, {{0, 1, 2}}};
+  EXPECT_NE(message(one, options).find("thing.obj: is not a closed surface"), std::string::npos);
+  EXPECT_NE(message({}, options).find("no triangles"), std::string::npos);
+  Surface bad = sphereSurface(1, 1);
+  bad.vertices[3].x() = std::nan("");
+  EXPECT_NE(message(bad, options).find("not finite"), std::string::npos);
+  for (int target : {0, -5, 1'000'000}) {
+    options.target_tetrahedra = target;
+    EXPECT_NE(message(sphereSurface(1, 1), options).find("target_tetrahedra"), std::string::npos);
+  }
+  options.target_tetrahedra = 300;
+  for (double size : {-1.0, std::nan(""), 1e-9, 1e9}) {
+    options.cell_size = size;
+    EXPECT_NE(message(sphereSurface(1, 1), options).find("cell_size"), std::string::npos) << size;
+  }
+}
+
+TEST(EmbeddingMap, SpreadIsTheTransposeOfInterpolate) {
+  const SimulationMesh m = embedSurface(alien().surface);
+  const EmbeddingMap map(m.mesh, m.embedding);
+  const std::vector<Vec3> back = map.interpolate(m.mesh.nodes);
+  for (size_t v = 0; v < back.size(); ++v) EXPECT_LT((back[v] - m.surface.vertices[v]).norm(), 1e-12);
+  std::srand(3);
+  const VecX u = VecX::Random(3 * map.meshNodes());
+  const VecX f = VecX::Random(3 * map.points());
+  EXPECT_NEAR(map.interpolate(u).dot(f), u.dot(map.spread(f)), 1e-9);
+  // Total force and total torque survive.
+  std::vector<Vec3> forces(static_cast<size_t>(map.points()), Vec3(1, -2, 0.5));
+  const std::vector<Vec3> nodal = map.spread(forces);
+  Vec3 force = Vec3::Zero(), torque = Vec3::Zero();
+  for (size_t n = 0; n < nodal.size(); ++n) {
+    force += nodal[n];
+    torque += m.mesh.nodes[n].cross(nodal[n]);
+  }
+  for (size_t v = 0; v < forces.size(); ++v) {
+    force -= forces[v];
+    torque -= m.surface.vertices[v].cross(forces[v]);
+  }
+  EXPECT_LT(force.norm() + torque.norm(), 1e-8);
+  EXPECT_THROW(map.interpolate(VecX::Zero(3)), std::invalid_argument);
+}
+
+TEST(BarMesh, GridsOfTheBenchmarkScene) {
+  const std::array<std::array<int, 3>, 3> cells = {{{4, 3, 4}, {8, 6, 9}, {13, 10, 13}}};
+  const std::array<size_t, 3> counts = {288, 2592, 10140};
+  for (size_t i = 0; i < 3; ++i) {
+    const SimulationMesh m = barMesh(Vec3(0.08, 0.06, 0.08), cells[i]);
+    EXPECT_EQ(m.mesh.tetrahedra.size(), counts[i]);
+    EXPECT_EQ(complaintsAbout(m), "");
+    const auto& c = cells[i];
+    EXPECT_EQ(m.surface.triangles.size(), static_cast<size_t>(4 * (c[0] * c[1] + c[1] * c[2] + c[2] * c[0])));
+    EXPECT_TRUE(inspectTopology(m.surface).closed());
+    EXPECT_NEAR(measureSurface(m.surface).volume, 0.08 * 0.06 * 0.08, 1e-12);
+    double volume = 0;
+    for (const auto& t : m.mesh.tetrahedra) volume += tetrahedronVolume(m.mesh, t);
+    EXPECT_NEAR(volume, 0.08 * 0.06 * 0.08, 1e-12);
+    for (const EmbeddedPoint& p : m.embedding) EXPECT_EQ(*std::max_element(p.weights.begin(), p.weights.end()), 1.0);
+  }
+  EXPECT_THROW(barMesh(Vec3(0, 1, 1), {1, 1, 1}), InputError);
+  EXPECT_THROW(barMesh(Vec3(1, 1, 1), {0, 1, 1}), InputError);
+  EXPECT_THROW(barMesh(Vec3(1, 1, 1), {100000, 100000, 100000}), InputError);
+}
+
+}  // namespace
+}  // namespace palpate

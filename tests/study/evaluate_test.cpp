@@ -1,0 +1,159 @@
+#include "palpate/study/evaluate.h"
+
+#include <gtest/gtest.h>
+
+#include <filesystem>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <set>
+#include <sstream>
+
+#include "palpate/common/error.h"
+#include "palpate/scene/builder.h"
+#include "palpate/scene/reader.h"
+#include "palpate/session/lockstep.h"
+
+namespace palpate {
+namespace {
+
+// A cube of 48 tetrahedra that hangs in the air, is pressed on the ground, lifted, and carried.
+const char* const kScene = R"(palpate: 1
+name: tiny
+duration: 1.6
+tool:
+  shape: {bar: {size: [0.05, 0.05, 0.05], cells: [2, 2, 2]}}
+  pose: {position: [0, 0, 0.008]}
+  material: {youngs_modulus: 2.0e4, poisson_ratio: 0.4, density: 500, damping_beta: 0.002}
+  handles:
+    top:
+      region: {halfspace: {point: [0, 0, 0.0499], normal: [0, 0, 1]}}
+      hand:
+        smooth: false
+        keyframes:
+          - {t: 0.1}
+          - {t: 0.4, position: [0, 0, -0.014]}
+          - {t: 0.6, position: [0.005, 0, -0.014]}
+          - {t: 0.9, position: [0, 0, 0]}
+          - {t: 1.5, position: [0.03, 0, 0]}
+obstacles:
+  - {name: ground, plane: {point: [0, 0, 0], normal: [0, 0, 1]}, friction: 0.3}
+)";
+
+SceneConfig tinyScene() { return readSceneFromString(kScene, "tiny"); }
+
+std::string causeOf(const StudySettings& settings, const SceneConfig& config) {
+  try {
+    evaluateScene(config, settings);
+  } catch (const InputError& e) {
+    return e.what();
+  }
+  return "accepted";
+}
+
+TEST(Evaluate, ReferenceComparedWithItselfHasNoError) {
+  SceneConfig config = tinyScene();
+  config.latency = 0;
+  const SceneStudy study = evaluateScene(config, {{"vc"}, {0.001}, false});
+  ASSERT_EQ(study.rows.size(), 1u);
+  const StudyRow& row = study.rows[0];
+  EXPECT_EQ(row.error.rms_force, 0.0);
+  EXPECT_EQ(row.error.peak_torque, 0.0);
+  ASSERT_TRUE(row.drag && row.onset);
+  EXPECT_EQ(*row.drag, 0.0);
+  EXPECT_EQ(*row.onset, 0.0);
+  EXPECT_EQ(row.returned, study.reference_returned);
+  EXPECT_GT(study.reference_peak, 1.0);
+  // one haptic step a visual step, rendered ideally, is the reference too, but for its first step at rest
+  EXPECT_LT(row.floor_rms, 1e-6 * study.reference_peak);
+  EXPECT_LT(row.floor_rms_torque, 1e-8);
+}
+
+TEST(Evaluate, RowsAreWhatSeparateRunsGive) {
+  const SceneConfig config = tinyScene();
+  const StudySettings settings{{"hsl", "vc"}, {0.010, 0.020}, false};
+  const SceneStudy study = evaluateScene(config, settings);
+  ASSERT_EQ(study.rows.size(), 4u);
+  const std::vector<std::pair<std::string, double>> order{{"hsl", 0.010}, {"vc", 0.010}, {"hsl", 0.020}, {"vc", 0.020}};
+  for (std::size_t i = 0; i < 4; ++i) {
+    EXPECT_EQ(study.rows[i].method, order[i].first);
+    EXPECT_EQ(study.rows[i].visual_step, order[i].second);
+  }
+  // the last row again, by hand
+  SceneConfig alone = config;
+  alone.device.kind = DeviceName::prescribed;
+  alone.method = MethodName::vc;
+  alone.visual_step = 0.020;
+  BuiltScene scene = buildScene(alone);
+  WrenchTrace raw;
+  RunSink sink;
+  sink.tick = [&](const TickRecord& r) { raw.push_back(r.raw); };
+  runLockstep(scene, timingOf(alone), sink);
+  const TraceError error = traceError(raw, study.reference);
+  EXPECT_EQ(study.rows[3].error.rms_force, error.rms_force);
+  EXPECT_EQ(study.rows[3].error.peak_torque, error.peak_torque);
+  // contact begins in the press, drag is measured in the carrying
+  ASSERT_TRUE(study.contact_time);
+  EXPECT_GT(*study.contact_time, 0.1);
+  EXPECT_LT(*study.contact_time, 0.4);
+  ASSERT_EQ(study.segments.size(), 1u);
+  EXPECT_EQ(study.segments[0].first, 1050u);
+  EXPECT_EQ(study.segments[0].last, 1500u);
+  // virtual coupling drags by its link's stiffness times the way made in 1.5 periods on average, or more
+  ASSERT_TRUE(study.rows[3].drag && study.rows[2].drag);
+  EXPECT_LT(*study.rows[3].drag, -700 * 0.05 * 0.020);
+  EXPECT_LT(std::abs(*study.rows[2].drag), 0.25 * std::abs(*study.rows[3].drag));
+}
+
+TEST(Evaluate, IsTheSameToTheBitEachTime) {
+  SceneConfig config = tinyScene();
+  config.duration = 0.5;
+  const StudySettings settings{{"hsl", "vc"}, {0.010}, false};
+  const SceneStudy a = evaluateScene(config, settings), b = evaluateScene(config, settings);
+  ASSERT_EQ(a.rows.size(), b.rows.size());
+  for (std::size_t i = 0; i < a.rows.size(); ++i) {
+    EXPECT_EQ(a.rows[i].trace, b.rows[i].trace);
+    EXPECT_EQ(a.rows[i].floor_rms, b.rows[i].floor_rms);
+  }
+  EXPECT_EQ(studyTable({a}), studyTable({b}));
+}
+
+TEST(Evaluate, WritesEveryKey) {
+  SceneConfig config = tinyScene();
+  config.duration = 0.3;  // too short for contact and for drag: null
+  const SceneStudy study = evaluateScene(config, {{"hsl-exact"}, {0.033}, true});
+  ASSERT_TRUE(study.reference_error);
+  const std::filesystem::path folder = std::filesystem::path(testing::TempDir()) / "palpate_evaluate_test";
+  std::filesystem::remove_all(folder);
+  writeStudy({study, study}, folder);
+  const auto json = nlohmann::json::parse(std::ifstream(folder / "summary.json"));
+  ASSERT_EQ(json["rows"].size(), 2u);
+  const auto& row = json["rows"][0];
+  for (const char* key : {"scene", "method", "visual_dt", "latency", "rms_N", "peak_error_N", "drag_N", "rms_Nm",
+                          "reference_peak_N", "floor_rms_N", "onset_s", "returned_J", "aim", "derivative"}) {
+    EXPECT_TRUE(row.contains(key)) << key;
+  }
+  EXPECT_EQ(row["scene"], "tiny");
+  EXPECT_EQ(row["method"], "hsl-exact");
+  EXPECT_EQ(row["latency"], 1);
+  EXPECT_TRUE(row["drag_N"].is_null());
+  EXPECT_TRUE(row["rms_N"].is_number());
+  std::stringstream page;
+  page << std::ifstream(folder / "report.html").rdbuf();
+  EXPECT_NE(page.str().find("tiny, 33 ms: error of the force"), std::string::npos);
+  EXPECT_NE(page.str().find("reference"), std::string::npos);
+  std::filesystem::remove_all(folder);
+}
+
+TEST(Evaluate, SaysWhatIsWrong) {
+  const SceneConfig config = tinyScene();
+  EXPECT_NE(causeOf({{"hls"}, {0.01}, false}, config).find("--methods: \"hls\""), std::string::npos);
+  EXPECT_NE(causeOf({{"vc"}, {0.0105}, false}, config).find("--visual-dt"), std::string::npos);
+  EXPECT_NE(causeOf({{"vc"}, {NAN}, false}, config).find("--visual-dt"), std::string::npos);
+  EXPECT_NE(causeOf({{"vc"}, std::vector<double>(17, 0.01), false}, config).find("--visual-dt"), std::string::npos);
+  SceneConfig long_run = config;
+  long_run.duration = 3000;
+  EXPECT_NE(causeOf({{"vc"}, {0.01}, false}, long_run).find("--duration"), std::string::npos);
+}
+
+}  // namespace
+}  // namespace palpate
