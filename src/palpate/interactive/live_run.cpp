@@ -69,7 +69,7 @@ class Stage {
         loops_((scene_.world.setFrictionScale(settings.friction), scene_), timingOf(config),
                [this](const World& world, const VisualRecord& record) { stepped(world, record); }) {
     last_tick_.device.pose = scene_.start;
-    last_tick_.proxy = scene_.world.tool().handle().pose;
+    last_tick_.proxy = scene_.world.tool().state.handle.pose;
     keepState();
   }
 
@@ -87,9 +87,9 @@ class Stage {
     loops_.change(renderingOf(config.method), timingOf(config));
   }
   void setFriction(double scale) { scene_.world.setFrictionScale(scale); }
-  void scaleStiffness(double factor) {
+  void setStiffness(double scale) {
     for (int i = 0; i < scene_.world.bodies(); ++i) {
-      if (!scene_.world.body(i).isRigid()) scene_.world.body(i).scaleStiffness(factor);
+      if (!scene_.world.body(i).model.isRigid()) scene_.world.setStiffnessScale(i, scale);
     }
   }
   void record(Recorder* recorder, RunSink sink) {
@@ -357,8 +357,8 @@ struct LiveRun::Impl {
     base = wanted;
     if (m.friction) stage->setFriction(settings.friction = *m.friction);
     if (m.stiffness) {
-      stage->scaleStiffness(*m.stiffness / settings.stiffness);
       settings.stiffness = *m.stiffness;
+      stage->setStiffness(settings.stiffness);
     }
     publishState();
     go();

@@ -24,7 +24,7 @@ Recorder::Recorder(const std::filesystem::path& file, const SceneConfig& config,
   if (!out_) throw InputError(file.string(), "", "cannot be written");
   out_ << "PALPATE1";
   last_tick_.device.pose = scene.start;
-  last_tick_.proxy = scene.world.tool().handle().pose;
+  last_tick_.proxy = scene.world.tool().state.handle.pose;
   put(kText, sceneMessage(config, scene, {}, kGeneration));
   put(kBinary, geometryMessage(scene.world, kGeneration));
   put(kText, stateMessage(config, settings, {}, kGeneration));

@@ -28,15 +28,15 @@ std::string dump(const Json& json) { return json.dump(-1, ' ', false, Json::erro
 Json orNull(const std::string& text) { return text.empty() ? Json(nullptr) : Json(text); }
 
 void writeBody(const World& world, int index, ByteWriter& out) {
-  const Body& body = world.body(index);
-  const SimulationMesh& m = body.mesh();
+  const Body body = world.body(index);
+  const SimulationMesh& m = body.model.mesh();
   out.u32(m.mesh.nodes.size());
   out.u32(m.surface.vertices.size());
   out.u32(m.surface.triangles.size());
   out.u32(m.mesh.tetrahedra.size());
-  out.u32((index == world.toolIndex() ? kTool : 0U) | (body.isRigid() ? kRigid : 0U));
+  out.u32((index == world.toolIndex() ? kTool : 0U) | (body.model.isRigid() ? kRigid : 0U));
   for (const Vec3& p : m.mesh.nodes) out.vec(p);
-  for (const int attached : body.attachedIndex()) out.f32(body.held() && attached >= 0 ? 1.0 : 0.0);
+  for (const int attached : body.model.attachedIndex()) out.f32(body.model.held() && attached >= 0 ? 1.0 : 0.0);
   for (const auto& t : m.mesh.tetrahedra) {
     for (const int node : t) out.u32(node);
   }
@@ -92,13 +92,13 @@ std::string sceneMessage(const SceneConfig& config, const BuiltScene& scene, con
   out["methods"] = {toString(MethodName::hsl), toString(MethodName::hsl_exact), toString(MethodName::vc)};
   out["bodies"] = Json::array();
   for (int i = 0; i < scene.world.bodies(); ++i) {
-    const Body& body = scene.world.body(i);
-    const char* kind = i == scene.world.toolIndex() ? "tool" : body.isRigid() ? "rigid" : "soft";
-    out["bodies"].push_back({{"name", body.name()},
+    const Body body = scene.world.body(i);
+    const char* kind = i == scene.world.toolIndex() ? "tool" : body.model.isRigid() ? "rigid" : "soft";
+    out["bodies"].push_back({{"name", body.model.name()},
                              {"kind", kind},
-                             {"youngs_modulus", body.elasticity().material().youngs_modulus},
-                             {"tetrahedra", body.mesh().mesh.tetrahedra.size()},
-                             {"triangles", body.mesh().surface.triangles.size()}});
+                             {"youngs_modulus", body.model.elasticity().material().youngs_modulus},
+                             {"tetrahedra", body.model.mesh().mesh.tetrahedra.size()},
+                             {"triangles", body.model.mesh().surface.triangles.size()}});
   }
   out["obstacles"] = Json::array();
   for (const Obstacle& o : scene.world.obstacles) out["obstacles"].push_back({{"name", o.name}});
@@ -172,7 +172,7 @@ std::string geometryMessage(const World& world, std::uint32_t generation) {
 
 StateReader::StateReader(const World& world) {
   for (int i = 0; i < world.bodies(); ++i) {
-    const SimulationMesh& m = world.body(i).mesh();
+    const SimulationMesh& m = world.body(i).model.mesh();
     std::vector<double> filled;
     for (std::size_t t = 0; t < m.mesh.tetrahedra.size(); ++t) {
       const auto& n = m.mesh.tetrahedra[t];
@@ -187,10 +187,10 @@ StateReader::StateReader(const World& world) {
 void StateReader::read(const World& world, double h, bool stress, SceneState& out) const {
   out.nodes.clear();
   for (int i = 0; i < world.bodies(); ++i) {
-    const VecX& x = world.body(i).positions();
+    const VecX& x = world.body(i).state.positions;
     for (Eigen::Index k = 0; k < x.size(); ++k) out.nodes.push_back(static_cast<float>(x[k]));
   }
-  out.handle = world.tool().handle().pose;
+  out.handle = world.tool().state.handle.pose;
   out.contacts.clear();
   const ContactSet& set = world.contacts();
   for (std::size_t c = 0; c < set.contacts.size(); ++c) {
@@ -210,16 +210,18 @@ void StateReader::read(const World& world, double h, bool stress, SceneState& ou
 void StateReader::readStress(const World& world, std::vector<float>& out) const {
   std::vector<double> sum, weight;
   for (int i = 0; i < world.bodies(); ++i) {
-    const Body& body = world.body(i);
-    sum.assign(body.nodes(), 0.0);
-    weight.assign(body.nodes(), 0.0);
-    const std::vector<ElasticElement>& elements = body.elasticity().elements();
-    for (std::size_t t = 0; t < elements.size() && !body.isRigid(); ++t) {
+    const Body body = world.body(i);
+    sum.assign(body.model.nodes(), 0.0);
+    weight.assign(body.model.nodes(), 0.0);
+    const std::vector<ElasticElement>& elements = body.model.elasticity().elements();
+    const ElasticState& elastic = body.state.elastic;
+    for (std::size_t t = 0; t < elements.size() && !body.model.isRigid(); ++t) {
       const ElasticElement& e = elements[t];
-      const Mat3 g = e.rotation.transpose() * e.deformationGradient(body.positions());
+      const Mat3 g = elastic.rotations[t].transpose() * e.deformationGradient(body.state.positions);
       const Mat3 strain = 0.5 * (g + g.transpose()) - Mat3::Identity();
       const double filled = filled_[i][t];
-      const Mat3 stress = (e.lambda * strain.trace() * Mat3::Identity() + 2.0 * e.mu * strain) / filled;
+      const Mat3 unscaled = (e.lambda * strain.trace() * Mat3::Identity() + 2.0 * e.mu * strain) / filled;
+      const Mat3 stress = elastic.stiffness_scale * unscaled;
       const double value = filled * vonMises(stress);
       for (const int node : e.node) {
         sum[node] += value;

@@ -33,7 +33,7 @@ const std::array<Color, 7> kBodyColors{
     Color(0.93F, 0.83F, 0.46F), Color(0.48F, 0.75F, 0.73F), Color(0.86F, 0.62F, 0.64F)};
 
 /// Share of a surface point that moves with the handle.
-float attachedShare(const Body& body, const EmbeddedPoint& point) {
+float attachedShare(const BodyModel& body, const EmbeddedPoint& point) {
   if (!body.held() || point.tetrahedron < 0) return 0.0F;
   double share = 0;
   for (int k = 0; k < 4; ++k) {
@@ -85,7 +85,7 @@ RunSink Snapshots::watch(RunSink sink) {
     const double end = r.time + config_.visual_step;  // the bodies stand as at the end of the step
     if (moments_.size() < due_.size() && end >= due_[moments_.size()]) {
       Moment moment{end, {}, last_tick_.device.pose, last_tick_.sent.head<3>()};
-      for (int i = 0; i < world_.bodies(); ++i) moment.nodes.push_back(world_.body(i).positions());
+      for (int i = 0; i < world_.bodies(); ++i) moment.nodes.push_back(world_.body(i).state.positions);
       moments_.push_back(std::move(moment));
     }
     pass(r);
@@ -101,7 +101,7 @@ Vec3 Snapshots::lookingAlong() const {
 }
 
 PictureMesh Snapshots::bodyMesh(int body, const Moment& moment) const {
-  const Body& b = world_.body(body);
+  const BodyModel& b = world_.body(body).model;
   const SimulationMesh& mesh = b.mesh();
   const VecX points = EmbeddingMap(mesh.mesh, mesh.embedding).interpolate(moment.nodes[body]);
   PictureMesh out;
@@ -146,7 +146,7 @@ bool Snapshots::surroundsTool(const Surface& surface) const {
   const Vec3 ahead = Vec3::UnitZ().cross(frame.right);
   const Eigen::AlignedBox3d bounds = boundsOf(surface.vertices);
   int tool = 0;
-  while (tool < world_.bodies() && !world_.body(tool).held()) ++tool;
+  while (tool < world_.bodies() && !world_.body(tool).model.held()) ++tool;
   if (tool == world_.bodies()) return false;
   const auto hidden = [&](const Vec3& x, const Vec3& direction) {
     return std::any_of(surface.triangles.begin(), surface.triangles.end(), [&](const std::array<int, 3>& t) {

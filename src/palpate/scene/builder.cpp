@@ -75,7 +75,7 @@ void place(SimulationMesh& mesh, const Pose& pose) {
   for (Vec3& p : mesh.surface.vertices) p = pose.apply(p);
 }
 
-Handle buildHandle(const ToolConfig& tool, const SimulationMesh& rest, const Body& body) {
+Handle buildHandle(const ToolConfig& tool, const SimulationMesh& rest, const BodyModel& body) {
   const HandleConfig& config = tool.chosenHandle();
   const RegionConfig region = resolvedRegion(config.region, tool.shape);
   std::vector<int> nodes;
@@ -84,7 +84,7 @@ Handle buildHandle(const ToolConfig& tool, const SimulationMesh& rest, const Bod
   for (int i = 0; i < body.nodes(); ++i) {
     if (!contains(region, rest.mesh.nodes[i])) continue;
     nodes.push_back(i);
-    positions.push_back(body.positions().segment<3>(3 * i));
+    positions.push_back(body.mesh().mesh.nodes[i]);
     masses.push_back(body.elasticity().mass()[i]);
   }
   return makeHandle(config.name, nodes, positions, masses, config.mass, config.inertia.value_or(Vec3::Zero()),
@@ -156,7 +156,7 @@ HapticSettings buildHaptic(const SceneConfig& config, const World& world) {
   h.dt = config.haptic_step;
   h.rendering = renderingOf(config.method);
   h.link = world.link;
-  const Handle& handle = world.tool().handle();
+  const Handle& handle = world.tool().model.handle();
   h.proxy.mass = handle.mass;
   h.proxy.inertia = handle.inertia;
   h.proxy.gravity = config.gravity;
@@ -171,13 +171,16 @@ HapticSettings buildHaptic(const SceneConfig& config, const World& world) {
 }  // namespace
 
 CompensatedWeight staticWeight(const World& world) {
-  const Body& tool = world.tool();
-  const Handle& handle = tool.handle();
+  const Body tool = world.tool();
+  const Handle& handle = tool.model.handle();
+  const Pose& pose = tool.state.handle.pose;
   CompensatedWeight out;
-  out.weight = tool.totalMass() * world.gravity;
-  Vec3 moment = (handle.mass - handle.attached_mass) * handle.pose.position;
-  for (int i = 0; i < tool.nodes(); ++i) moment += tool.elasticity().mass()[i] * tool.positions().segment<3>(3 * i);
-  out.center = handle.pose.rotation.conjugate() * (moment / tool.totalMass() - handle.pose.position);
+  out.weight = tool.model.totalMass() * world.gravity;
+  Vec3 moment = (handle.mass - handle.attached_mass) * pose.position;
+  for (int i = 0; i < tool.model.nodes(); ++i) {
+    moment += tool.model.elasticity().mass()[i] * tool.state.positions.segment<3>(3 * i);
+  }
+  out.center = pose.rotation.conjugate() * (moment / tool.model.totalMass() - pose.position);
   return out;
 }
 
@@ -283,7 +286,7 @@ BuiltScene buildChecked(const SceneConfig& config) {
     SimulationMesh mesh = rest;
     place(mesh, b.pose);
     count(out, mesh);
-    Body body(b.name, std::move(mesh), buildMaterial(b.material), frictionOf(b, config), velocity,
+    BodyModel body(b.name, std::move(mesh), buildMaterial(b.material), frictionOf(b, config), velocity,
               elementMaterials(b, rest));
     if (tool) {
       if (report.tetrahedra > 0) out.embedding = report;
@@ -292,10 +295,10 @@ BuiltScene buildChecked(const SceneConfig& config) {
     return world.add(std::move(body), b.self_contact);
   };
   add(config.tool, Vec6::Zero(), true);
-  out.start = world.tool().handle().pose;
+  out.start = world.tool().state.handle.pose;
   out.device = buildDevice(config, out.start);
   world.contact.thickness =
-      config.contact.thickness.value_or(0.002 * boundsOf(world.tool().mesh().surface.vertices).diagonal());
+      config.contact.thickness.value_or(0.002 * boundsOf(world.tool().model.mesh().surface.vertices).diagonal());
   std::vector<int> settling{world.toolIndex()};
   for (const FreeBodyConfig& b : config.bodies) {
     Vec6 velocity;
@@ -304,7 +307,7 @@ BuiltScene buildChecked(const SceneConfig& config) {
       const Surface surface = placed(buildSurface(b.shape), b.pose);
       out.surface_triangles += static_cast<int>(surface.triangles.size());
       world.add(
-          Body::rigid(b.name, surface, b.material.density, frictionOf(b, config), velocity, b.material.damping_alpha));
+          BodyModel::rigid(b.name, surface, b.material.density, frictionOf(b, config), velocity, b.material.damping_alpha));
       continue;
     }
     const int index = add(b, velocity, false);

@@ -13,7 +13,9 @@
 #include "palpate/haptics/exchange.h"
 #include "palpate/haptics/realtime.h"
 #include "palpate/haptics/record_queue.h"
-#include "palpate/session/lockstep.h"
+#include "palpate/session/run_record.h"
+#include "palpate/session/run_timing.h"
+#include "palpate/visual/substep_budget.h"
 
 namespace palpate {
 
@@ -98,5 +100,8 @@ class RealtimeLoops {
   std::exception_ptr failure_;
   std::thread haptic_, visual_;
 };
+
+/// Runs a scene in real time, one thread a loop, and the caller's thread for the sink. Stops after the duration.
+RunOutcome runRealtime(BuiltScene& scene, const RunTiming& timing, const RunSink& sink);
 
 }  // namespace palpate

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "palpate/common/parallel.h"
+#include "palpate/contact/contact_rows.h"
 #include "palpate/linear/triangular_solve.h"
 #include "palpate/math/rotation.h"
 

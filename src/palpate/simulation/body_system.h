@@ -10,7 +10,7 @@
 #include "palpate/rigid/link.h"
 #include "palpate/simulation/body_model.h"
 #include "palpate/simulation/body_state.h"
-#include "palpate/simulation/contact_rows.h"
+#include "palpate/simulation/row_selection.h"
 
 namespace palpate {
 

@@ -1,4 +1,4 @@
-#include "palpate/simulation/contact_rows.h"
+#include "palpate/simulation/row_selection.h"
 
 namespace palpate {
 

@@ -1,21 +1,10 @@
 #pragma once
 
-#include <utility>
 #include <vector>
 
-#include "palpate/contact/contact.h"
 #include "palpate/math/types.h"
 
 namespace palpate {
-
-/// Calls f(node, signed weight) for the nodes of a body that a contact's rows act on.
-template <class F>
-void forEachNode(const Contact& contact, int body, F&& f) {
-  for (const auto& [point, sign] : {std::pair(&contact.first, 1.0), std::pair(&contact.second, -1.0)}) {
-    if (point->body != body) continue;
-    for (int k = 0; k < point->count; ++k) f(point->node[k], sign * point->weight[k]);
-  }
-}
 
 /// Some of the contacts of a step, and where their rows are: three a contact (normal, first and second tangent), in the
 /// order of `contacts`.
