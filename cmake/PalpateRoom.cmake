@@ -4,9 +4,9 @@ target_include_directories(palpate_options INTERFACE ${CMAKE_SOURCE_DIR}/src)
 # shared/: scenes and problems of tests and benchmarks
 include_directories(${CMAKE_SOURCE_DIR})
 target_compile_options(palpate_options INTERFACE -Wall -Wextra -Wshadow -Wconversion -Wno-sign-conversion -Wpedantic
-                                                 -fno-math-errno
-                                                 # what is rounded follows from the source, not from what is inlined where
-                                                 -ffp-contract=off)
+                                                 -fno-math-errno)
+# what is rounded follows from the source, not from what is inlined where; a room may say otherwise
+add_compile_options(-ffp-contract=off)
 if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
   # GCC 12 gives false alarms inside its own AVX-512 headers, Eigen and std::string (GCC bugs 105593, 105651)
   target_compile_options(palpate_options INTERFACE -Wno-maybe-uninitialized -Wno-uninitialized -Wno-restrict
@@ -25,11 +25,13 @@ if(PALPATE_SANITIZE)
 endif()
 target_link_libraries(palpate_options INTERFACE Eigen3::Eigen)
 
-# palpate_room(NAME SOURCES ... DEPENDS ...): one static library, palpate_NAME, for src/palpate/NAME.
+# palpate_room(NAME SOURCES ... DEPENDS ...): one static library, palpate_NAME, for src/palpate/NAME. With PALPATE_UNITY
+# its sources are compiled as one, so that headers are read once.
 function(palpate_room name)
   cmake_parse_arguments(ROOM "" "" "SOURCES;DEPENDS;LIBRARIES" ${ARGN})
   if(ROOM_SOURCES)
     add_library(palpate_${name} STATIC ${ROOM_SOURCES})
+    set_target_properties(palpate_${name} PROPERTIES UNITY_BUILD ${PALPATE_UNITY} UNITY_BUILD_BATCH_SIZE 0)
     set(scope PUBLIC)
   else()
     add_library(palpate_${name} INTERFACE)
