@@ -23,15 +23,42 @@ if(PALPATE_SANITIZE)
                                                    -fno-sanitize-recover=all)
   target_link_options(palpate_options INTERFACE -fsanitize=${PALPATE_SANITIZE})
 endif()
-target_link_libraries(palpate_options INTERFACE Eigen3::Eigen)
+target_link_libraries(palpate_options INTERFACE Eigen3::Eigen fmt::fmt) # both are in the precompiled headers
 
-# palpate_room(NAME SOURCES ... DEPENDS ...): one static library, palpate_NAME, for src/palpate/NAME. With PALPATE_UNITY
-# its sources are compiled as one, so that headers are read once.
+# Precompiled headers: what nearly every source includes. GCC takes the optimization of a precompiled header for that of
+# the whole source, so a target that compiles with other options than the rooms has one of its own.
+set(PALPATE_COMMON_HEADERS
+    <algorithm> <array> <atomic> <chrono> <cmath> <cstdint> <filesystem> <functional> <limits> <map> <memory> <numbers>
+    <numeric> <optional> <span> <stdexcept> <string> <string_view> <unordered_map> <utility> <variant> <vector>
+    <Eigen/Cholesky> <Eigen/Core> <Eigen/Geometry> <Eigen/LU> <fmt/format.h>)
+file(WRITE ${CMAKE_BINARY_DIR}/empty.cpp.in "")
+function(palpate_precompiled name)
+  configure_file(${CMAKE_BINARY_DIR}/empty.cpp.in ${CMAKE_BINARY_DIR}/${name}.cpp COPYONLY)
+  add_library(${name} OBJECT ${CMAKE_BINARY_DIR}/${name}.cpp)
+  target_link_libraries(${name} PRIVATE palpate_options)
+  target_precompile_headers(${name} PRIVATE ${PALPATE_COMMON_HEADERS} ${ARGN})
+endfunction()
+palpate_precompiled(palpate_headers)
+
+function(palpate_alone)
+  if(ARGN)
+    set_source_files_properties(${ARGN} PROPERTIES SKIP_UNITY_BUILD_INCLUSION ON)
+  endif()
+endfunction()
+
+# palpate_room(NAME SOURCES ... DEPENDS ... [LIBRARIES ...] [ALONE ...] [OPTIONS ...]): one static library, palpate_NAME,
+# for src/palpate/NAME. ALONE: sources that a unity build must not join with others, as their private names clash.
+# OPTIONS: compile options of this room only, which cannot share the precompiled headers.
 function(palpate_room name)
-  cmake_parse_arguments(ROOM "" "" "SOURCES;DEPENDS;LIBRARIES" ${ARGN})
-  if(ROOM_SOURCES)
-    add_library(palpate_${name} STATIC ${ROOM_SOURCES})
-    set_target_properties(palpate_${name} PROPERTIES UNITY_BUILD ${PALPATE_UNITY} UNITY_BUILD_BATCH_SIZE 8)
+  cmake_parse_arguments(ROOM "" "" "SOURCES;DEPENDS;LIBRARIES;ALONE;OPTIONS" ${ARGN})
+  if(ROOM_SOURCES OR ROOM_ALONE)
+    add_library(palpate_${name} STATIC ${ROOM_SOURCES} ${ROOM_ALONE})
+    palpate_alone(${ROOM_ALONE})
+    if(ROOM_OPTIONS)
+      target_compile_options(palpate_${name} PRIVATE ${ROOM_OPTIONS})
+    else()
+      target_precompile_headers(palpate_${name} REUSE_FROM palpate_headers)
+    endif()
     set(scope PUBLIC)
   else()
     add_library(palpate_${name} INTERFACE)
@@ -48,27 +75,31 @@ endfunction()
 add_custom_target(tests_core)
 add_custom_target(tests_tsan)
 
-# palpate_test(NAME SOURCES ... DEPENDS ... [LABELS ...]): one GoogleTest program, test_NAME. Tests labelled core run in
-# the address-sanitizer build as well, those labelled tsan in the thread-sanitizer build; those labelled timing run
-# alone.
+if(PALPATE_TESTS)
+  palpate_precompiled(palpate_test_headers <gtest/gtest.h>)
+  target_link_libraries(palpate_test_headers PRIVATE GTest::gtest)
+  target_compile_options(palpate_test_headers PRIVATE -O1)
+endif()
+
+# palpate_test(NAME SOURCES ... DEPENDS ... [LIBRARIES ...] [LABELS ...] [ALONE ...]): one GoogleTest program, test_NAME;
+# one or two a room, as each is linked with all that its room needs. Its tests labelled core run in the address-sanitizer
+# build as well, those labelled tsan in the thread-sanitizer build. ALONE: sources that a unity build must not join.
 function(palpate_test name)
-  cmake_parse_arguments(TEST "" "" "SOURCES;DEPENDS;LIBRARIES;LABELS" ${ARGN})
-  add_executable(test_${name} ${TEST_SOURCES})
+  cmake_parse_arguments(TEST "" "" "SOURCES;ALONE;DEPENDS;LIBRARIES;LABELS" ${ARGN})
+  add_executable(test_${name} ${TEST_SOURCES} ${TEST_ALONE})
+  palpate_alone(${TEST_ALONE})
+  target_precompile_headers(test_${name} REUSE_FROM palpate_test_headers)
   target_compile_options(test_${name} PRIVATE -O1)  # the rooms are what is tested; this halves the build of the tests
   foreach(other IN LISTS TEST_DEPENDS)
     target_link_libraries(test_${name} PRIVATE palpate_${other})
   endforeach()
   target_link_libraries(test_${name} PRIVATE palpate_options ${TEST_LIBRARIES} GTest::gtest GTest::gtest_main)
-  target_compile_definitions(test_${name} PRIVATE PALPATE_SOURCE_DIR="${CMAKE_SOURCE_DIR}")
   set(properties TIMEOUT 600)
   foreach(label IN LISTS TEST_LABELS)
-    if(TARGET tests_${label})
-      add_dependencies(tests_${label} test_${name})
-    elseif(label STREQUAL "timing")
-      list(APPEND properties RUN_SERIAL ON)
-    else()
-      message(FATAL_ERROR "test_${name}: unknown label '${label}'; there are core, tsan and timing")
+    if(NOT TARGET tests_${label})
+      message(FATAL_ERROR "test_${name}: unknown label '${label}'; there are core and tsan")
     endif()
+    add_dependencies(tests_${label} test_${name})
   endforeach()
   if(TEST_LABELS)
     string(REPLACE ";" "+" labels "${TEST_LABELS}") # gtest_discover_tests() takes no list here
@@ -76,4 +107,9 @@ function(palpate_test name)
   endif()
   gtest_discover_tests(test_${name} DISCOVERY_MODE PRE_TEST DISCOVERY_TIMEOUT 60 TEST_PREFIX "${name}." PROPERTIES
                                                                                                       ${properties})
+endfunction()
+
+# Sources that open the repository's files. Nobody else is told where it is, so that a compiler cache serves any checkout.
+function(palpate_source_dir)
+  set_property(SOURCE ${ARGN} APPEND PROPERTY COMPILE_DEFINITIONS PALPATE_SOURCE_DIR="${CMAKE_SOURCE_DIR}")
 endfunction()

@@ -34,7 +34,7 @@ def declared_dependencies(cmake_file):
     call = re.search(r"palpate_room\(([^)]*)\)", text)
     dependencies, keyword = [], None
     for word in call.group(1).split() if call else []:
-        if word in ("SOURCES", "DEPENDS", "LIBRARIES"):
+        if word in ("SOURCES", "DEPENDS", "LIBRARIES", "ALONE", "OPTIONS"):
             keyword = word
         elif keyword == "DEPENDS":
             dependencies.append(word)

@@ -13,7 +13,7 @@ namespace {
 using Vec2 = Eigen::Vector2d;
 
 constexpr double kFarLess = 1e-3;
-constexpr double infinity = std::numeric_limits<double>::infinity();
+constexpr double kUnbounded = std::numeric_limits<double>::infinity();
 
 }  // namespace
 
@@ -90,7 +90,7 @@ double ContactSolver::freeResidual(const ContactProblem& problem) {
     const Vec3 w = violation_.segment<3>(3 * f.contact);
     for (int d = 0; d < f.dims; ++d) worst = std::max(worst, std::abs(f.c.col(d).dot(w)));
   }
-  return std::isfinite(violation_.sum()) ? worst : infinity;
+  return std::isfinite(violation_.sum()) ? worst : kUnbounded;
 }
 
 /// Solves with the factor and moves lambda along the free directions.
@@ -123,7 +123,7 @@ void ContactSolver::stepFree(const ContactProblem& problem) {
 /// came from. True if nothing is left of the velocities that should vanish, or so little that the states are wrong by
 /// far more.
 bool ContactSolver::solveStates(const ContactProblem& problem, double tolerance) {
-  double before = infinity;
+  double before = kUnbounded;
   for (int k = 0;; ++k) {
     const double left = freeResidual(problem);
     if (left <= 0.1 * tolerance || (k > 0 && left < kFarLess * residual(problem))) return true;

@@ -6,13 +6,13 @@
 namespace palpate {
 namespace {
 
-using Corner = std::array<int, 3>;
+using GridPoint = std::array<int, 3>;
 
 constexpr int orders[6][3] = {{0, 1, 2}, {0, 2, 1}, {1, 0, 2}, {1, 2, 0}, {2, 0, 1}, {2, 1, 0}};
 
-std::array<int, 4> barycentric(const Corner& c, int m) { return {m - c[0], c[0] - c[1], c[1] - c[2], c[2]}; }
+std::array<int, 4> barycentric(const GridPoint& c, int m) { return {m - c[0], c[0] - c[1], c[1] - c[2], c[2]}; }
 
-bool insideCoarse(const Corner& c, int m) {
+bool insideCoarse(const GridPoint& c, int m) {
   const auto b = barycentric(c, m);
   return *std::min_element(b.begin(), b.end()) >= 0;
 }
@@ -29,25 +29,25 @@ int orderOf(const Vec3& fraction) {
 }  // namespace
 
 TetrahedronSubdivision::TetrahedronSubdivision(int m) : m_(m), part_of_(static_cast<size_t>(6 * m * m * m), -1) {
-  std::map<std::array<Corner, 3>, int> open;
+  std::map<std::array<GridPoint, 3>, int> open;
   for (int cube = 0; cube < m * m * m; ++cube) {
-    const Corner base = {cube % m, cube / m % m, cube / m / m};
+    const GridPoint base = {cube % m, cube / m % m, cube / m / m};
     for (int o = 0; o < 6; ++o) {
-      std::array<Corner, 4> corners;
+      std::array<GridPoint, 4> corners;
       corners[0] = base;
       for (size_t s = 0; s < 3; ++s) {
         corners[s + 1] = corners[s];
         ++corners[s + 1][static_cast<size_t>(orders[o][s])];
       }
-      if (!std::all_of(corners.begin(), corners.end(), [&](const Corner& c) { return insideCoarse(c, m); })) continue;
+      if (!std::all_of(corners.begin(), corners.end(), [&](const GridPoint& c) { return insideCoarse(c, m); })) continue;
       const int part = count();
       part_of_[static_cast<size_t>(6 * cube + o)] = part;
       Vec4 center = Vec4::Zero();
-      for (const Corner& c : corners)
+      for (const GridPoint& c : corners)
         for (size_t k = 0; k < 4; ++k) center[static_cast<Eigen::Index>(k)] += barycentric(c, m)[k] / (4.0 * m);
       centers_.push_back(center);
       for (size_t skip = 0; skip < 4; ++skip) {
-        std::array<Corner, 3> key;
+        std::array<GridPoint, 3> key;
         for (size_t s = 0, n = 0; s < 4; ++s)
           if (s != skip) key[n++] = corners[s];
         std::sort(key.begin(), key.end());
@@ -60,7 +60,7 @@ TetrahedronSubdivision::TetrahedronSubdivision(int m) : m_(m), part_of_(static_c
   }
   for (const auto& [key, part] : open) {
     std::array<int, 4> sum{};
-    for (const Corner& c : key)
+    for (const GridPoint& c : key)
       for (size_t k = 0; k < 4; ++k) sum[k] += barycentric(c, m)[k];
     for (size_t k = 0; k < 4; ++k)
       if (sum[k] == 0) faces_[k].push_back({part, sum});
@@ -69,7 +69,7 @@ TetrahedronSubdivision::TetrahedronSubdivision(int m) : m_(m), part_of_(static_c
 
 int TetrahedronSubdivision::locate(const Vec4& weights) const {
   const Vec3 x(m_ * (weights[1] + weights[2] + weights[3]), m_ * (weights[2] + weights[3]), m_ * weights[3]);
-  Corner cube{};
+  GridPoint cube{};
   Vec3 fraction;
   for (size_t k = 0; k < 3; ++k) {
     const auto e = static_cast<Eigen::Index>(k);
