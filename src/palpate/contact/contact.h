@@ -34,6 +34,7 @@ struct ContactPoint {
     for (int k = 0; k < count; ++k) p += weight[k] * x.segment<3>(3 * node[k]);
     return p;
   }
+  bool operator==(const ContactPoint&) const = default;
 };
 
 /// Features of two surfaces that a contact is between; on planes: none.
@@ -43,6 +44,7 @@ struct ContactFeatures {
   int kind = 0;  ///< FeaturePair::Kind
   int first = -1;
   int second = -1;
+  bool operator==(const ContactFeatures&) const = default;
 };
 
 /// One unilateral contact with friction: gap + h normal . (v_first - v_second) >= 0.
@@ -75,6 +77,7 @@ struct Contact {
     f.row(2) = tangent2.transpose();
     return f;
   }
+  bool operator==(const Contact&) const = default;
 };
 
 /// Whether two contacts are of one patch of one pair of surfaces.

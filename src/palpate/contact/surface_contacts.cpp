@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <stdexcept>
 
 #include "palpate/common/parallel.h"
 #include "palpate/contact/feature_distance.h"
@@ -313,8 +314,23 @@ void SurfaceContacts::refit(Item& item) {
   item.stale = false;
 }
 
-void SurfaceContacts::distrust() {
-  for (PairState& p : pairs_) p.suspect = true;
+void SurfaceContacts::recheckOverlaps() {
+  for (PairState& p : pairs_) p.may_overlap = true;
+}
+
+SurfaceContactsState SurfaceContacts::state() const {
+  SurfaceContactsState out;
+  for (const PairState& p : pairs_) out.may_overlap.push_back(p.may_overlap ? 1 : 0);
+  return out;
+}
+
+void SurfaceContacts::restore(const SurfaceContactsState& state) {
+  if (state.may_overlap.size() != pairs_.size())
+    throw std::invalid_argument("SurfaceContacts::restore: another number of surfaces");
+  for (std::size_t i = 0; i < pairs_.size(); ++i) {
+    pairs_[i].may_overlap = state.may_overlap[i] != 0;
+    pairs_[i].points.clear();  // examineOverlaps() finds those of pairs that may overlap
+  }
 }
 
 void SurfaceContacts::examineOverlaps() {
@@ -322,12 +338,12 @@ void SurfaceContacts::examineOverlaps() {
   for (std::size_t b = 1; b < items_.size(); ++b) {
     for (std::size_t a = 0; a < b; ++a) {
       PairState& state = pair(a, b);
-      if (!state.suspect || (items_[a].body < 0 && items_[b].body < 0)) continue;
+      if (!state.may_overlap || (items_[a].body < 0 && items_[b].body < 0)) continue;
       refit(items_[a]);
       refit(items_[b]);
       state.points.clear();
       findOverlaps(items_[a].surface, items_[b].surface, state.points);
-      state.suspect = !state.points.empty();
+      state.may_overlap = !state.points.empty();
       for (const OverlapPoint& p : state.points) overlap_ = std::max(overlap_, p.depth);
     }
   }

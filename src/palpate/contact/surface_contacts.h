@@ -37,6 +37,14 @@ class FrictionTable {
   std::vector<Pair> pairs_;
 };
 
+/// What the next step's contacts between surfaces depend on beside the positions of their nodes. All else that
+/// SurfaceContacts keeps from step to step only saves time: without it the results have the same bits.
+struct SurfaceContactsState {
+  /// One a pair of surfaces: 0 where they were seen apart, since when contact keeps them so; overlap is not looked for.
+  std::vector<char> may_overlap;
+  bool operator==(const SurfaceContactsState&) const = default;
+};
+
 /// Contact between triangle surfaces: of bodies, soft and rigid, with each other, with themselves, with fixed ones.
 /// Vertex against face and edge against edge, by distance and along the whole motion of a step (docs/contact.md).
 class SurfaceContacts {
@@ -54,8 +62,14 @@ class SurfaceContacts {
   void setEnd(int body, const VecX& x);
   /// Before the first find() of a step: looks for surfaces that start inside each other, among pairs that may.
   void examineOverlaps();
-  /// Every pair is examined anew in the next steps (after a state was set from outside).
-  void distrust();
+  /// Pairs that were seen apart are examined for overlap again (after positions were set from outside).
+  void recheckOverlaps();
+
+  /// Between two steps. restore() is cheap, and setStart() then takes any positions: fronts of earlier searches stay.
+  SurfaceContactsState state() const;
+  /// @param state  of an object with the same surfaces, added in the same order
+  /// Throws std::invalid_argument if it has another number of surfaces.
+  void restore(const SurfaceContactsState& state);
 
   /// Candidates along the motion from the present start to the present end; appends.
   void find(const ContactSettings& settings, const FrictionTable& friction, std::vector<Contact>& out);
@@ -87,7 +101,7 @@ class SurfaceContacts {
     PairFront front;           // of self-contact
   };
   struct PairState {
-    bool suspect = true;  // may overlap
+    bool may_overlap = true;
     std::vector<OverlapPoint> points;
     PairFront front;
   };

@@ -143,7 +143,7 @@ StepReport World::stepBodies(const std::vector<int>& moving, const StepInput& in
   Stopwatch watch;
   int restorations = 0;
   for (const auto& b : bodies_) restorations += b->restorations();
-  if (restorations != restorations_) surfaces_.distrust();
+  if (restorations != restorations_) surfaces_.recheckOverlaps();
   restorations_ = restorations;
   if (surfaces_.active()) {
     for (int i = 0; i < bodies(); ++i) surfaces_.setStart(i, bodies_[i]->positions());
