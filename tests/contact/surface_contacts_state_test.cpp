@@ -58,7 +58,8 @@ std::vector<Motion> motions() {
   };
   std::vector<Motion> all;
   for (int i = 0; i < kSteps; ++i) {
-    const double slide = 2e-4 * i, apart = i < 5 || i == kSqueezed ? -0.001 : 1e-4 * std::cos(0.7 * i);
+    const double slide = 1.5e-3 * std::sin(0.3 * i),
+                 apart = i < 5 || i == kSqueezed ? -0.001 : 1e-4 * std::cos(0.7 * i);
     const auto lower = [&] { return positions(Vec3(slide, 0, 0.0351)); };
     const auto upper = [&](double closer) { return positions(Vec3(0, slide, 0.0351 + 2 * kRadius + apart - closer)); };
     all.push_back({{lower(), upper(0)}, {lower(), upper(1e-4)}, {lower(), upper(4e-4)}});
@@ -150,7 +151,7 @@ TEST(SurfaceContactsState, AskedToRecheckTheySeeWhatWasSetFromOutside) {
   EXPECT_EQ(s.overlap(), 0.0);  // not looked for
   s.recheckOverlaps();
   found(s, motion[kSqueezed], {});
-  EXPECT_GT(s.overlap(), 5e-4);
+  EXPECT_GT(s.overlap(), 5e-4);  // a millimeter, less what nodes and slide take off
 }
 
 TEST(SurfaceContactsState, OfOtherSurfacesIsRejected) {

@@ -34,6 +34,20 @@ TEST(ParallelFor, WithoutExecutorRunsInOrderOnTheCaller) {
   EXPECT_EQ(order, (std::vector<int>{0, 1, 2, 3, 4}));
 }
 
+TEST(ParallelRanges, CoverEverythingOnceInParts) {
+  for (const int parts : {1, 3, 7}) {
+    std::vector<int> count(20, 0), size(static_cast<std::size_t>(parts), 0);
+    parallelRanges(parts, 20, [&](int begin, int end) {
+      for (int i = begin; i < end; ++i) ++count[static_cast<std::size_t>(i)];
+    });
+    parallelRanges(parts, 20,
+                   [&](int begin, int end, int part) { size[static_cast<std::size_t>(part)] = end - begin; });
+    EXPECT_EQ(count, std::vector<int>(20, 1));
+    EXPECT_EQ(std::accumulate(size.begin(), size.end(), 0), 20);
+    EXPECT_EQ(size.front(), partBegin(1, parts, 20));
+  }
+}
+
 class Teams : public ::testing::TestWithParam<int> {};
 INSTANTIATE_TEST_SUITE_P(Threads, Teams, ::testing::Values(1, 2, 4));
 
@@ -48,6 +62,23 @@ TEST_P(Teams, RunsEachPartOnceAndSeesWhatItLeft) {
       EXPECT_EQ(count, std::vector<int>(static_cast<std::size_t>(parts), 1));
     }
   }
+}
+
+// Loops within a part run in it alone; those of one that is most of the work must not.
+TEST_P(Teams, OnlyWorkOfLikeSizeRunsAtTheSameTime) {
+  ThreadTeam team(GetParam());
+  const ExecutorScope scope(&team);
+  const auto sharedOut = [](std::vector<double> weights) {
+    std::vector<char> shared(weights.size(), 0);
+    parallelByWeight(
+        static_cast<int>(weights.size()), [&](int i) { return weights[static_cast<std::size_t>(i)]; },
+        [&](int i) { shared[static_cast<std::size_t>(i)] = Executor::current() == nullptr; });
+    return shared;
+  };
+  EXPECT_EQ(sharedOut({1, 1, 1}), (std::vector<char>{1, 1, 1}));
+  EXPECT_EQ(sharedOut({2, 1, 0}), (std::vector<char>{1, 1, 1}));
+  EXPECT_EQ(sharedOut({1, 8, 1}), (std::vector<char>{0, 0, 0}));
+  EXPECT_EQ(sharedOut({}), std::vector<char>());
 }
 
 // A thread that is late must not take a part of the next loop for one of the last.

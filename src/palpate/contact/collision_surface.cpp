@@ -7,6 +7,7 @@
 #include <string>
 
 #include "palpate/common/error.h"
+#include "palpate/math/stable_norm.h"
 
 namespace palpate {
 namespace {
@@ -250,7 +251,7 @@ Vec3 CollisionSurface::outwardNormal(int triangle, const std::array<double, 3>& 
   if (used == 1) sum = cornerNormal(triangles_[t][corner], time);
   if (used == 2) sum = edgeNormal(triangle_edges_[t][(opposite + 1) % 3], time);
   if (!(sum.norm() > 1e-6)) sum = areaNormal(triangle, time);  // inside, or faces folded onto each other
-  const double length = sum.stableNorm();
+  const double length = stableNorm(sum);
   return length > 0 ? Vec3(sum / length) : Vec3(Vec3::UnitZ());
 }
 

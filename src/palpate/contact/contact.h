@@ -80,10 +80,11 @@ struct Contact {
   bool operator==(const Contact&) const = default;
 };
 
-/// Whether two contacts are of one patch of one pair of surfaces.
-inline bool samePatch(const Contact& a, const Contact& b) {
-  return a.first.body == b.first.body && a.partner == b.partner && a.patch == b.patch;
+/// Whether two contacts are of one pair of surfaces, and of one patch of it.
+inline bool samePair(const Contact& a, const Contact& b) {
+  return a.first.body == b.first.body && a.partner == b.partner;
 }
+inline bool samePatch(const Contact& a, const Contact& b) { return samePair(a, b) && a.patch == b.patch; }
 
 /// Tangents of a contact frame: the first is world x made tangent to the contact (world y where the normal is along x),
 /// so the linearized cone is exact for sliding along world x or y on level ground.
@@ -104,10 +105,14 @@ class ContactReduction {
                                  double spacing);
 
  private:
+  void propose(const std::vector<Contact>& all, const std::vector<std::uint64_t>& kept);
+  void proposeByFacing(const std::vector<Contact>& all, std::size_t begin, std::size_t end);
   void extremePoints(const std::vector<Contact>& all, std::size_t begin, std::size_t end);
+  void takeSpaced(const std::vector<Contact>& all, double spacing);
 
   std::vector<int> order_, proposals_, chosen_;
   std::vector<char> kept_, taken_;
+  int pairs_ = 0;                             // of surfaces
   std::vector<int> pair_, latest_, earlier_;  // pair of surfaces of a candidate; its last chosen; the one before that
 };
 

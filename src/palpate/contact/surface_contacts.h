@@ -1,41 +1,18 @@
 #pragma once
 
 #include <cstdint>
-#include <optional>
-#include <string>
 #include <vector>
 
 #include "palpate/contact/collision_surface.h"
 #include "palpate/contact/contact.h"
 #include "palpate/contact/contact_settings.h"
+#include "palpate/contact/friction_table.h"
 #include "palpate/contact/overlap.h"
 #include "palpate/contact/surface_pairs.h"
+#include "palpate/mesh/embedding_map.h"
 #include "palpate/mesh/types.h"
 
 namespace palpate {
-
-/// Coulomb coefficients: of a pair where it is given, else of the obstacle, else the geometric mean of both bodies'
-/// own. Bodies count from 0; obstacle i is -1 - i.
-class FrictionTable {
- public:
-  void setBody(int body, double coefficient);
-  void setObstacle(int obstacle, std::optional<double> coefficient);
-  void setPair(int first, int second, double coefficient);
-  /// Multiplies all coefficients; 1 at first.
-  void setScale(double scale) { scale_ = scale; }
-  double operator()(int first, int second) const;
-  static int obstacle(int index) { return -1 - index; }
-
- private:
-  struct Pair {
-    int low, high;
-    double coefficient;
-  };
-  double scale_ = 1.0;
-  std::vector<double> bodies_;
-  std::vector<std::optional<double>> obstacles_;
-  std::vector<Pair> pairs_;
-};
 
 /// What the next step's contacts between surfaces depend on beside the positions of their nodes. All else that
 /// SurfaceContacts keeps from step to step only saves time: without it the results have the same bits.
@@ -89,10 +66,9 @@ class SurfaceContacts {
     bool self = false;
     CollisionSurface surface;
     SelfExclusion exclusion;
-    std::vector<std::array<int, 4>> nodes;  // of each vertex
-    std::vector<std::array<double, 4>> weights;
+    EmbeddingMap embedding;    // of the vertices
     std::vector<int> patch;    // of each vertex: what moves affinely
-    double leverage = 1;       // largest sum of a vertex's absolute weights
+    double extension = 1;      // largest sum of a vertex's absolute weights
     VecX start, end;           // node positions
     bool end_placed = true;    // the surface's end is that of the nodes
     bool end_bounded = false;  // and so are its bounds
@@ -114,6 +90,7 @@ class SurfaceContacts {
   static MotionBounds motionOf(const Item& item, const VecX& from, const VecX& to);
   void refit(Item& item);
   static int patch(const Item& item, int vertex);
+  static FeaturePair pairAtStart(const ContactFeatures& features, const CollisionSurface& a, const CollisionSurface& b);
   static bool facesOutward(const Item& a, const Item& b, const FeaturePair& pair);
   static ContactPoint point(const Item& item, const std::array<int, 3>& vertex, const std::array<double, 3>& weight);
   static void shift(const Item& item, int vertex, const Vec3& offset, ContactPoint& point);
