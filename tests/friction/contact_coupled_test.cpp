@@ -13,11 +13,11 @@
 namespace palpate {
 namespace {
 
-using testing::Assembly;
-using testing::CoupledProblem;
-using testing::CoupledScene;
-using testing::Coupling;
-using testing::OwnedProblem;
+using test::Assembly;
+using test::CoupledProblem;
+using test::CoupledScene;
+using test::Coupling;
+using test::OwnedProblem;
 using Status = std::vector<ContactStatus>;
 
 std::vector<FrictionCone> bothCones() { return {{false, 8}, {true, 8}}; }
@@ -64,7 +64,7 @@ void expectSafe(const OwnedProblem& p, const Solution& s) {
 }
 
 TEST(CoupledContact, EveryIterateIsSafe) {
-  for (const auto& [kind, name] : testing::allCouplings()) {
+  for (const auto& [kind, name] : test::allCouplings()) {
     for (const FrictionCone& cone : bothCones()) {
       for (const double mu : {0.5, 5.0}) {
         CoupledScene scene;
@@ -103,7 +103,7 @@ TEST(CoupledContact, NonsenseAsWarmStartIsMadeSafe) {
 
 TEST(CoupledContact, MassRatiosAndWedgesConverge) {
   for (const FrictionCone& cone : bothCones()) {
-    for (const auto& [kind, name] : testing::allCouplings()) {
+    for (const auto& [kind, name] : test::allCouplings()) {
       SCOPED_TRACE(name);
       CoupledScene scene;
       scene.kind = kind;

@@ -12,12 +12,12 @@
 namespace palpate {
 namespace {
 
-using testing::Assembly;
-using testing::CoupledProblem;
-using testing::CoupledScene;
-using testing::Coupling;
-using testing::Lattice;
-using testing::OwnedProblem;
+using test::Assembly;
+using test::CoupledProblem;
+using test::CoupledScene;
+using test::Coupling;
+using test::Lattice;
+using test::OwnedProblem;
 
 std::vector<FrictionCone> bothCones() { return {{false, 8}, {true, 8}}; }
 
