@@ -6,52 +6,27 @@
 #include <algorithm>
 #include <filesystem>
 #include <map>
-#include <memory>
 
 #include "palpate/linearization/linearize.h"
-#include "palpate/math/rotation.h"
-#include "palpate/mesh/embed_surface.h"
-#include "palpate/mesh/surface_io.h"
+#include "shared/bunny.h"
+#include "shared/held_scenes.h"
 
 namespace palpate {
 namespace {
 
-const char* const kBunny = "/usr/share/glmark2/models/bunny.obj";
-
-// The bunny of 0.1 m, upright, its lowest vertex at z = 0.
 const SimulationMesh& bunny(int tetrahedra) {
   static std::map<int, SimulationMesh> meshes;
   const auto [at, fresh] = meshes.try_emplace(tetrahedra);
-  SimulationMesh& mesh = at->second;
-  if (!fresh) return mesh;
-  Surface surface = loadSolid(kBunny, 0.1);
-  double lowest = 1e300;
-  for (Vec3& p : surface.vertices) {
-    p = Vec3(p.x(), -p.z(), p.y());
-    lowest = std::min(lowest, p.z());
-  }
-  for (Vec3& p : surface.vertices) p.z() -= lowest;
-  EmbedOptions options;
-  options.target_tetrahedra = tetrahedra;
-  mesh = embedSurface(surface, options);
-  return mesh;
+  if (fresh) at->second = test::standingBunny(tetrahedra);
+  return at->second;
 }
 
 World heldBunny(int tetrahedra) {
   Body body("bunny", bunny(tetrahedra), Material{});
   double top = 0;
   for (int i = 0; i < body.nodes(); ++i) top = std::max(top, body.positions()[3 * i + 2]);
-  std::vector<int> nodes;
-  std::vector<Vec3> positions;
-  std::vector<double> masses;
-  for (int i = 0; i < body.nodes(); ++i) {
-    const Vec3 p = body.positions().segment<3>(3 * i);
-    if (p.z() < 0.75 * top) continue;
-    nodes.push_back(i);
-    positions.push_back(p);
-    masses.push_back(body.elasticity().mass()[i]);
-  }
-  body.hold(makeHandle("head", nodes, positions, masses, 0.02, Vec3::Zero(), Quat::Identity()));
+  test::holdNodes(
+      body, [&](const Vec3& p) { return p.z() >= 0.75 * top; }, test::kPlainHandle);
   World world;
   world.obstacles.push_back({PlaneShape{}, 0.5, "ground"});
   world.add(std::move(body));
@@ -59,7 +34,7 @@ World heldBunny(int tetrahedra) {
 }
 
 void contactReduction(benchmark::State& state) {
-  if (!std::filesystem::exists(kBunny)) {
+  if (!std::filesystem::exists(test::kBunnyFile)) {
     state.SkipWithError("needs Debian's package glmark2-data");
     return;
   }

@@ -1,6 +1,10 @@
 #pragma once
 
+// A bar on the ground, handles on some of a body's nodes, and what a world is measured by: momentum, energy, contact
+// forces, depth.
+
 #include <algorithm>
+#include <concepts>
 #include <string>
 #include <utility>
 #include <vector>
@@ -27,22 +31,28 @@ inline Body bar(const std::array<int, 3>& cells, const Material& material, doubl
   return Body("bar", barMesh(kBarSize, cells), material, friction, velocity);
 }
 
-template <class Region>
-void holdNodes(Body& body, Region region, const Vec6& twist = Vec6::Zero(),
-               const Vec3& own_inertia = {1e-5, 2e-5, 3e-5}) {
-  std::vector<int> nodes;
-  std::vector<Vec3> positions;
-  std::vector<double> masses;
-  for (int i = 0; i < body.nodes(); ++i) {
-    const Vec3 p = body.mesh().mesh.nodes[i];
-    if (!region(p)) continue;
-    nodes.push_back(i);
-    positions.push_back(p);
-    masses.push_back(body.elasticity().mass()[i]);
-  }
-  Handle handle = makeHandle("handle", nodes, positions, masses, 0.02, own_inertia, expRotation({0.3, -0.2, 0.1}));
-  handle.twist = twist;
+/// A handle of tests and benchmarks.
+struct HandleOptions {
+  std::string name = "handle";
+  double mass = 0.02;                             ///< of its own [kg]
+  Vec3 inertia{1e-5, 2e-5, 3e-5};                 ///< of its own; zero: that of a ball that reaches the nodes [kg m^2]
+  Quat rotation = expRotation({0.3, -0.2, 0.1});  ///< askew, so that no axis is special
+  Vec6 twist = Vec6::Zero();
+};
+/// A handle whose frame is the world's.
+inline const HandleOptions kPlainHandle{"handle", 0.02, Vec3::Zero(), Quat::Identity(), Vec6::Zero()};
+
+inline void holdNodes(Body& body, const std::vector<int>& nodes, const HandleOptions& options = {}) {
+  Handle handle = handleOnNodes(options.name, nodes, body.positions(), body.elasticity().mass(), options.mass,
+                                options.inertia, options.rotation);
+  handle.twist = options.twist;
   body.hold(handle);
+}
+/// @param region  of the rest positions
+template <class Region>
+requires std::predicate<Region, Vec3>
+void holdNodes(Body& body, const Region& region, const HandleOptions& options = {}) {
+  holdNodes(body, nodesWhere(body.mesh().mesh.nodes, region), options);
 }
 
 inline bool onTop(const Vec3& p) { return p.z() > kBarSize.z() - 1e-9; }

@@ -1,5 +1,7 @@
 #pragma once
 
+// Boxes and balls, soft or rigid, anywhere in space, and what happens between them: crossings, impulses, power.
+
 #include <algorithm>
 #include <cmath>
 #include <string>

@@ -7,7 +7,7 @@
 #include "palpate/friction/contact_solver.h"
 #include "shared/contact_problems.h"
 
-namespace palpate::testing {
+namespace palpate::test {
 
 inline FrictionCone exactCone() { return {true, 8}; }
 inline FrictionCone polygon(int facets) { return {false, facets}; }
@@ -34,4 +34,4 @@ inline Solution solve(const OwnedProblem& p, const ContactSolverSettings& settin
   return s;
 }
 
-}  // namespace palpate::testing
+}  // namespace palpate::test

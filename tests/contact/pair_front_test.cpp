@@ -14,6 +14,8 @@
 namespace palpate {
 namespace {
 
+using namespace test;
+
 auto valuesOf(const FeaturePair& p) {
   return std::tuple(p.kind, p.first_feature, p.second_feature, p.hit, p.toi, p.start_distance, p.end_distance,
                     p.normal.x(), p.normal.y(), p.normal.z());

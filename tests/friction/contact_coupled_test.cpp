@@ -14,7 +14,7 @@
 namespace palpate {
 namespace {
 
-using namespace testing;
+using namespace test;
 
 /// What a step may rely on whether the solve converged or not.
 void expectSafe(const OwnedProblem& p, const Solution& s) {

@@ -13,7 +13,7 @@
 namespace palpate {
 namespace {
 
-using namespace testing;
+using namespace test;
 
 /// Residual of a cold solve, relative to the largest velocity.
 double solvedTo(const OwnedProblem& p, const ContactSolverSettings& settings = {}) {

@@ -17,7 +17,7 @@
 namespace palpate {
 namespace {
 
-using namespace testing;
+using namespace test;
 
 constexpr double pi = std::numbers::pi;
 constexpr double tolerance = 1e-10;
@@ -417,7 +417,7 @@ TEST(ContactSolver, InputThatIsNotFiniteGivesZeroImpulses) {
 }
 
 TEST(ContactSolver, AllocatesNothingInSteadyState) {
-  if (PALPATE_COUNTS_MALLOC == 0) GTEST_SKIP() << "malloc belongs to the sanitizer";
+  if (!test::kCountsMalloc) GTEST_SKIP() << "malloc belongs to a sanitizer here";
   for (const FrictionCone& cone : bothCones()) {
     SoftBar bar;
     bar.mu = 1.0;
@@ -426,16 +426,15 @@ TEST(ContactSolver, AllocatesNothingInSteadyState) {
     Solution s;
     solver.solve(p.view(), {}, s.lambda, s.status);  // sizes the workspace
     const ContactProblem problem = p.view();
-    allocations = 0;
-    counting = true;
-    for (int k = 0; k < 3; ++k) {
-      s.lambda.setZero();
-      std::fill(s.status.begin(), s.status.end(), ContactStatus{});
-      solver.solve(problem, {}, s.lambda, s.status);
-      solver.solve(problem, {}, s.lambda, s.status);
-    }
-    counting = false;
-    EXPECT_EQ(allocations, 0);
+    const int count = test::allocationsIn([&] {
+      for (int k = 0; k < 3; ++k) {
+        s.lambda.setZero();
+        std::fill(s.status.begin(), s.status.end(), ContactStatus{});
+        solver.solve(problem, {}, s.lambda, s.status);
+        solver.solve(problem, {}, s.lambda, s.status);
+      }
+    });
+    EXPECT_EQ(count, 0);
   }
 }
 

@@ -12,10 +12,10 @@
 namespace palpate {
 namespace {
 
-using testing::deviceAt;
-using testing::randomMatrix;
-using testing::randomPose;
-using testing::randomVec6;
+using test::deviceAt;
+using test::randomMatrix;
+using test::randomPose;
+using test::randomVec6;
 
 constexpr double kDt = 0.001;
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();

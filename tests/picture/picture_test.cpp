@@ -130,6 +130,7 @@ TEST(Render, InsideIsDarkerWhereAsked) {
 
 TEST(SmoothMesh, BallIsSmoothAndBoxKeepsItsEdges) {
   const SmoothMesh ball = smoothMesh(capsuleMesh({1, 0, 0}, {1, 0, 0}, 0.5, kRed), {1, 0, 0});
+  ASSERT_FALSE(ball.normals.empty());
   for (std::size_t i = 0; i < ball.normals.size(); ++i) {
     EXPECT_GT(ball.normals[i].dot(ball.positions[i]) / 0.5F, 0.98F);
   }

@@ -13,6 +13,8 @@
 namespace palpate {
 namespace {
 
+using test::softCube;
+
 /// Reads a message as the page does, apart from the code that writes it.
 class Reader {
  public:

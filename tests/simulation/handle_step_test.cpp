@@ -106,11 +106,11 @@ Drift spinDrift(double h) {
   Vec6 spin;
   spin << 0.1, 0, 0.05, 1.5, -2, 3;
   Body body("bar", barMesh(kBarSize, {2, 2, 2}), material, 0.5, spin);
-  // the handle moves as the body does there
-  Vec6 twist = spin;
+  HandleOptions handle;
+  handle.twist = spin;  // the handle moves as the body does there
   const Vec3 arm = Vec3(0.5 * kBarSize.x(), 0.5 * kBarSize.y(), kBarSize.z()) - 0.5 * kBarSize;
-  twist.head<3>() += Vec3(spin.tail<3>()).cross(arm);
-  holdNodes(body, onTop, twist);
+  handle.twist.head<3>() += Vec3(spin.tail<3>()).cross(arm);
+  holdNodes(body, onTop, handle);
   world.add(std::move(body));
   const auto angular = [&] {
     const Body& tool = world.tool();

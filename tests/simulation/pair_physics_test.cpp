@@ -376,5 +376,33 @@ TEST(Pile, OrderOfBodiesDoesNotMatter) {
   EXPECT_GT(most, 10);  // the pile has formed before that
 }
 
+
+TEST(Experiment, Pile) {
+  const std::vector<std::vector<int>> orders{{0, 1, 2, 3}, {3, 2, 1, 0}, {2, 0, 3, 1}};
+  for (const double mu : {0.0, 0.1, 0.4}) for (const bool common : {false, true}) for (const bool red : {true, false}) {
+    std::vector<World> worlds;
+    for (const auto& order : orders) worlds.push_back(pile(order));
+    for (std::size_t w = 0; w < worlds.size(); ++w) {
+      worlds[w].contact.solver.acceptable = 0;
+      worlds[w].contact.reduce = red;
+      worlds[w].obstacles = {ground(mu)};
+      for (int i = 0; i < 4; ++i) { worlds[w].setFriction(i, FrictionTable::obstacle(0), mu); for (int j = 0; j <= i; ++j) worlds[w].setFriction(i, j, mu); }
+    }
+    printf("mu %g common %d reduce %d:", mu, common, red);
+    for (int n = 0; n < 60; ++n) {
+      if (common) for (std::size_t w = 1; w < 3; ++w) for (int k = 0; k < 4; ++k) for (int i = 0; i < 4; ++i) if (orders[w][k] == orders[0][i]) worlds[w].body(k).restore(worlds[0].body(i).state());
+      double worst = 0, res = 0;
+      std::vector<std::vector<Vec3>> places(3, std::vector<Vec3>(4));
+      for (std::size_t w = 0; w < 3; ++w) {
+        const StepReport r = worlds[w].step({}, 0.005);
+        res = std::max(res, r.solver_residual);
+        for (int k = 0; k < 4; ++k) places[w][orders[w][k]] = center(worlds[w].body(k));
+      }
+      for (std::size_t w = 1; w < 3; ++w) for (int i = 0; i < 4; ++i) worst = std::max(worst, (places[0][i] - places[w][i]).norm());
+      if (n % 2 == 0 || common) printf(" %d:%.0e/%.0e/%d", n, worst, res, worlds[0].contacts().active());
+    }
+    printf("\n");
+  }
+}
 }  // namespace
 }  // namespace palpate

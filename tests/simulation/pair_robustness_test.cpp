@@ -48,16 +48,13 @@ struct Hook {
     material.youngs_modulus = 2e5;
     material.damping_beta = 0.01;
     Body body("hook", hook, material);
-    std::vector<int> nodes;
-    std::vector<Vec3> positions;
-    std::vector<double> masses;
+    std::vector<int> end;
     for (int i = 0; i < body.nodes(); ++i) {
-      if (along[i] < kLength - 0.009) continue;
-      nodes.push_back(i);
-      positions.push_back(body.mesh().mesh.nodes[i]);
-      masses.push_back(body.elasticity().mass()[i]);
+      if (along[i] >= kLength - 0.009) end.push_back(i);
     }
-    body.hold(makeHandle("end", nodes, positions, masses, 0.02, Vec3(1e-5, 1e-5, 1e-5), Quat::Identity()));
+    HandleOptions handle = kPlainHandle;
+    handle.inertia.setConstant(1e-5);
+    holdNodes(body, end, handle);
     world.link = {700, 2, 1.0, 0.01};
     world.obstacles = {ground(0.5)};
     world.add(std::move(body), self);

@@ -7,7 +7,7 @@
 
 #include "palpate/linearization/linearize.h"
 #include "palpate/mesh/embed_surface.h"
-#include "palpate/mesh/surface_io.h"
+#include "shared/bunny.h"
 #include "shared/held_scenes.h"
 
 namespace palpate {
@@ -16,7 +16,6 @@ namespace {
 using namespace test;
 
 constexpr double kDepth = 5e-5;  // [m]
-const char* const kBunny = "/usr/share/glmark2/models/bunny.obj";
 
 // Puts the lowest surface vertex at the given height.
 SimulationMesh standing(SimulationMesh mesh, double height = 0.0) {
@@ -90,9 +89,8 @@ TEST(Resting, SettledBodyStaysSettled) {
 }
 
 TEST(Resting, BunnyOnTheGround) {
-  if (!std::filesystem::exists(kBunny)) GTEST_SKIP() << "the scan is in Debian's glmark2-data";
-  World world = restingWorld(standing(
-      moved(embedded(loadSolid(kBunny, 0.1), 300), {Vec3::Zero(), Quat(Eigen::AngleAxisd(M_PI / 2, Vec3::UnitX()))})));
+  if (!std::filesystem::exists(kBunnyFile)) GTEST_SKIP() << "the scan is in Debian's glmark2-data";
+  World world = restingWorld(standingBunny(300));
   world.settle({0}, Pose{});
   expectRests(world, 0.2);
 }

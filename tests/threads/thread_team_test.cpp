@@ -4,6 +4,7 @@
 
 #include <atomic>
 #include <chrono>
+#include <filesystem>
 #include <numeric>
 #include <stdexcept>
 #include <thread>
@@ -166,13 +167,32 @@ TEST_P(Teams, ServesOneThreadAfterTheOther) {
   }
 }
 
+/// Threads of this process.
+std::ptrdiff_t threadsAlive() {
+  using std::filesystem::directory_iterator;
+  return std::distance(directory_iterator("/proc/self/task"), directory_iterator());
+}
+
+// Whether they have yet to start, are at work, or sleep: none is left when the team is gone, and each part has run.
 TEST(ThreadTeam, EndsWhateverItsThreadsDo) {
+  std::thread([] {}).join();  // a sanitizer starts a thread of its own beside the first
+  const auto before = threadsAlive();
   for (int round = 0; round < 200; ++round) {
-    ThreadTeam team(3);
-    const ExecutorScope scope(&team);
-    if (round % 3 == 1) parallelFor(4, [](int) {});
-    if (round % 3 == 2) std::this_thread::sleep_for(std::chrono::microseconds(20 * round));
+    std::atomic<int> parts{0};
+    {
+      ThreadTeam team(3);
+      const ExecutorScope scope(&team);
+      if (round == 0) {
+        EXPECT_GE(threadsAlive(), 3);  // the caller is one
+      }
+      if (round % 3 == 1) parallelFor(4, [&](int) { ++parts; });
+      if (round % 3 == 2) std::this_thread::sleep_for(std::chrono::microseconds(20 * round));
+    }
+    EXPECT_EQ(parts, round % 3 == 1 ? 4 : 0);
   }
+  // the kernel takes a moment to forget a thread that has been joined
+  for (int i = 0; i < 1000 && threadsAlive() > before; ++i) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  EXPECT_EQ(threadsAlive(), before);
 }
 
 TEST(ThreadTeam, TakesWhatItCan) {

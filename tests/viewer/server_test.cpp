@@ -10,7 +10,7 @@
 
 #include "palpate/common/error.h"
 #include "running_server.h"
-#include "web_client.h"
+#include "shared/web_client.h"
 
 namespace palpate {
 namespace {

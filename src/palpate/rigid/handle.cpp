@@ -60,4 +60,15 @@ Handle makeHandle(const std::string& name, const std::vector<int>& nodes, const 
   return h;
 }
 
+Handle handleOnNodes(const std::string& name, const std::vector<int>& nodes, const std::vector<Vec3>& positions,
+                     const VecX& masses, double own_mass, const Vec3& own_inertia, const Quat& rotation) {
+  std::vector<Vec3> attached_positions;
+  std::vector<double> attached_masses;
+  for (const int i : nodes) {
+    attached_positions.push_back(positions[i]);
+    attached_masses.push_back(masses[i]);
+  }
+  return makeHandle(name, nodes, attached_positions, attached_masses, own_mass, own_inertia, rotation);
+}
+
 }  // namespace palpate

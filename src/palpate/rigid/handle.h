@@ -46,4 +46,23 @@ struct Handle {
 Handle makeHandle(const std::string& name, const std::vector<int>& nodes, const std::vector<Vec3>& positions,
                   const std::vector<double>& masses, double own_mass, const Vec3& own_inertia, const Quat& rotation);
 
+/// Indices of the points that a region contains, increasing.
+/// @param points  of a mesh, say at rest [m]
+/// @param region  predicate of a point
+template <class Region>
+std::vector<int> nodesWhere(const std::vector<Vec3>& points, const Region& region) {
+  std::vector<int> nodes;
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    if (region(points[i])) nodes.push_back(static_cast<int>(i));
+  }
+  return nodes;
+}
+
+/// makeHandle() of a body: takes from the positions and masses of all its nodes what belongs to those attached.
+/// @param nodes      attached
+/// @param positions  of all nodes [m], world
+/// @param masses     of all nodes [kg]
+Handle handleOnNodes(const std::string& name, const std::vector<int>& nodes, const std::vector<Vec3>& positions,
+                     const VecX& masses, double own_mass, const Vec3& own_inertia, const Quat& rotation);
+
 }  // namespace palpate

@@ -78,17 +78,9 @@ void place(SimulationMesh& mesh, const Pose& pose) {
 Handle buildHandle(const ToolConfig& tool, const SimulationMesh& rest, const BodyModel& body) {
   const HandleConfig& config = tool.chosenHandle();
   const RegionConfig region = resolvedRegion(config.region, tool.shape);
-  std::vector<int> nodes;
-  std::vector<Vec3> positions;
-  std::vector<double> masses;
-  for (int i = 0; i < body.nodes(); ++i) {
-    if (!contains(region, rest.mesh.nodes[i])) continue;
-    nodes.push_back(i);
-    positions.push_back(body.mesh().mesh.nodes[i]);
-    masses.push_back(body.elasticity().mass()[i]);
-  }
-  return makeHandle(config.name, nodes, positions, masses, config.mass, config.inertia.value_or(Vec3::Zero()),
-                    tool.pose.rotation);
+  const auto nodes = nodesWhere(rest.mesh.nodes, [&](const Vec3& p) { return contains(region, p); });
+  return handleOnNodes(config.name, nodes, body.mesh().mesh.nodes, body.elasticity().mass(), config.mass,
+                       config.inertia.value_or(Vec3::Zero()), tool.pose.rotation);
 }
 
 Material buildMaterial(const MaterialConfig& m) {

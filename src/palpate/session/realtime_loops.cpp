@@ -12,7 +12,6 @@ SubstepBudget budgetOf(const RunTiming& timing) {
 }
 
 constexpr int kHapticPriority = 80;
-constexpr std::chrono::milliseconds kStartDelay{20};  // both threads are up by then, and count from one instant
 constexpr std::size_t kTickRows = 4096;               // four seconds for the owner to fall behind
 constexpr std::size_t kVisualRows = 512;
 constexpr std::int64_t kReportEvery = 512;  // ticks

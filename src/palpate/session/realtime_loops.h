@@ -25,6 +25,9 @@ namespace palpate {
 /// left.
 class RealtimeLoops {
  public:
+  /// From start() to the first tick: both threads are up by then, and count from one instant.
+  static constexpr std::chrono::milliseconds kStartDelay{20};
+
   /// Called on the visual loop's thread after each step.
   using Stepped = std::function<void(const World&, const VisualRecord&)>;
 
