@@ -72,7 +72,7 @@ TEST_F(Allocation, NoneInATick) {
   RecordQueue<TickRecord> queue(100);
   DurationHistogram times;
   const int count = allocationsIn([&] {
-    device.startInEquilibrium(loop.start(Pose{}, Pose{}, 0.0));
+    device.begin(loop.start(Pose{}, Pose{}, 0.0));
     for (int i = 0; i < 1000; ++i) {
       if (i % 20 == 0) exchange.write(models[static_cast<std::size_t>(i / 20)]);
       const double now = i * 0.001;

@@ -42,6 +42,21 @@ struct TickRecord {
   TickFlags flags;
 };
 
+/// All that a tick depends on besides its input and the settings: copied, and given back to a loop with the same
+/// settings, it makes the run go on to the bit.
+struct HapticLoopState {
+  DeviceFilterState filter;
+  ProxyState proxy;
+  SafetyState safety;
+  PassivityObserver passivity;
+  TickCounters counters;
+  HandleModel model;  ///< last good one
+  bool has_model = false;
+  double start_time = 0.0;   ///< [s]
+  Pose device_pose;          ///< of the last tick
+  Vec6 sent = Vec6::Zero();  ///< by the last tick [N; N m]
+};
+
 /// The haptic loop without its clock: lockstep and real time run the same tick. After construction nothing in it
 /// allocates, locks, throws or calls the system.
 class HapticLoop {
@@ -65,6 +80,10 @@ class HapticLoop {
   /// Another way to make the force, from the next tick on; between two ticks. The proxy goes on from where it is.
   /// @param model_age_limit  at which a model is stale [s]
   void change(Rendering rendering, double model_age_limit) noexcept;
+
+  /// Between two ticks.
+  HapticLoopState state() const noexcept;
+  void restore(const HapticLoopState& state) noexcept;
 
   const TickCounters& counters() const noexcept { return counters_; }
   const PassivityObserver& passivity() const noexcept { return observer_; }

@@ -38,9 +38,9 @@ SafetyChain::SafetyChain(const SafetySettings& settings) : settings_(settings) {
 
 Vec6 SafetyChain::start(const Vec6& wrench) noexcept {
   TickFlags flags;
-  previous_ = wrench.allFinite() ? clamp(wrench, flags) : Vec6(Vec6::Zero());
-  watchdog_gain_ = 1.0;
-  return settings_.start_ramp > 0.0 ? Vec6(Vec6::Zero()) : previous_;
+  state_.previous = wrench.allFinite() ? clamp(wrench, flags) : Vec6(Vec6::Zero());
+  state_.watchdog_gain = 1.0;
+  return settings_.start_ramp > 0.0 ? Vec6(Vec6::Zero()) : state_.previous;
 }
 
 SafetyChain::Output SafetyChain::process(const Input& input, const PassivityObserver& observer) noexcept {
@@ -57,7 +57,7 @@ SafetyChain::Output SafetyChain::process(const Input& input, const PassivityObse
 
   out.wrench = clamp(out.wrench, out.flags);
   out.wrench = limitSlew(out.wrench, input.dt, out.flags);
-  previous_ = out.wrench;
+  state_.previous = out.wrench;
   if (input.since_start < settings_.start_ramp) {
     out.wrench *= std::max(0.0, input.since_start / settings_.start_ramp);
     out.flags.set(TickFlag::ramping);
@@ -68,9 +68,9 @@ SafetyChain::Output SafetyChain::process(const Input& input, const PassivityObse
 double SafetyChain::updateWatchdog(double model_age, double dt, TickFlags& flags) noexcept {
   const bool stale = !(model_age <= settings_.model_age_limit);
   const double change = settings_.model_decay > dt ? dt / settings_.model_decay : 1.0;
-  watchdog_gain_ = std::clamp(watchdog_gain_ + (stale ? -change : change), 0.0, 1.0);
-  if (watchdog_gain_ < 1.0) flags.set(TickFlag::model_stale);
-  return watchdog_gain_;
+  state_.watchdog_gain = std::clamp(state_.watchdog_gain + (stale ? -change : change), 0.0, 1.0);
+  if (state_.watchdog_gain < 1.0) flags.set(TickFlag::model_stale);
+  return state_.watchdog_gain;
 }
 
 Vec6 SafetyChain::clamp(const Vec6& wrench, TickFlags& flags) const noexcept {
@@ -81,12 +81,12 @@ Vec6 SafetyChain::clamp(const Vec6& wrench, TickFlags& flags) const noexcept {
 }
 
 Vec6 SafetyChain::limitSlew(const Vec6& wrench, double dt, TickFlags& flags) const noexcept {
-  Vec6 change = wrench - previous_;
+  Vec6 change = wrench - state_.previous;
   const bool force = cutNorm(change.head<3>(), settings_.force_slew * dt);
   const bool torque = cutNorm(change.tail<3>(), settings_.torque_slew * dt);
   if (!force && !torque) return wrench;
   flags.set(TickFlag::slew_limited);
-  return previous_ + change;
+  return state_.previous + change;
 }
 
 }  // namespace palpate

@@ -24,6 +24,12 @@ SafetySettings safetyForDevice(const DeviceLimits& limits);
 /// Age [s] at which a model is stale: four visual steps more than what `latency` explains.
 double modelAgeLimit(double visual_step, int latency);
 
+/// What the safety chain remembers.
+struct SafetyState {
+  Vec6 previous = Vec6::Zero();  ///< wrench of the last tick before the start ramp [N; N m]
+  double watchdog_gain = 1.0;    ///< 0: faded out
+};
+
 /// non-finite to zero -> watchdog -> passivity controller -> norm clamp -> slew limit -> start ramp
 class SafetyChain {
  public:
@@ -47,6 +53,9 @@ class SafetyChain {
   Vec6 start(const Vec6& wrench) noexcept;
   Output process(const Input& input, const PassivityObserver& observer) noexcept;
 
+  const SafetyState& state() const noexcept { return state_; }
+  void restore(const SafetyState& state) noexcept { state_ = state; }
+
   const SafetySettings& settings() const noexcept { return settings_; }
   /// Age at which a model is stale from the next tick on [s].
   void setModelAgeLimit(double limit) noexcept { settings_.model_age_limit = limit; }
@@ -57,8 +66,7 @@ class SafetyChain {
   Vec6 limitSlew(const Vec6& wrench, double dt, TickFlags& flags) const noexcept;
 
   SafetySettings settings_;
-  Vec6 previous_ = Vec6::Zero();  // before the ramp
-  double watchdog_gain_ = 1.0;
+  SafetyState state_;
 };
 
 }  // namespace palpate

@@ -6,7 +6,6 @@
 #include <deque>
 
 #include "palpate/common/error.h"
-#include "palpate/devices/simulated_device.h"
 #include "palpate/haptics/device_filter.h"
 #include "palpate/haptics/realtime.h"
 #include "palpate/math/rotation.h"
@@ -105,7 +104,7 @@ HandleModel startModel(BuiltScene& scene, const RunTiming& timing) {
 
 Vec6 startHaptics(BuiltScene& scene, HapticLoop& loop) {
   const Vec6 wrench = loop.start(scene.start, scene.world.tool().handle().pose, 0.0);
-  if (auto* simulated = dynamic_cast<SimulatedDevice*>(scene.device.get())) simulated->startInEquilibrium(wrench);
+  scene.device->begin(wrench);
   return wrench;
 }
 
