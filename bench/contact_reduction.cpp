@@ -70,7 +70,7 @@ void contactReduction(benchmark::State& state) {
     target.pose.position.z() -= 0.003 / 20;
     benchmark::DoNotOptimize(world.step(target, h));
   }
-  world.contact.reduce = state.range(1) != 0;
+  world.contact.reduction = state.range(1) != 0;
   StepReport report;
   for (auto _ : state) report = world.step(target, h);
   double normal = 0;

@@ -150,9 +150,6 @@ void stepAgainstTriangles(benchmark::State& state) {
   PressAndRub hand(world.tool().handle().pose, 0.02, 0.005);
   for (int n = 0; n < PressAndRub::kWarmUp; ++n) benchmark::DoNotOptimize(world.step(hand.next(), kStep));
 
-  SurfaceContactSettings settings;
-  settings.thickness = world.contact.thickness;
-  settings.reach = world.contact.reach;
   std::vector<Contact> found;
   Medians medians;
   for (auto _ : state) {
@@ -163,7 +160,7 @@ void stepAgainstTriangles(benchmark::State& state) {
     found.clear();
     const auto begin = std::chrono::steady_clock::now();
     for (int b = 0; b < 2; ++b) apart.setEnd(b, world.body(b).positions());
-    apart.find(settings, friction, found);
+    apart.find(world.contact, friction, found);
     const std::chrono::duration<double, std::milli> elapsed = std::chrono::steady_clock::now() - begin;
     medians.add("find_ms", elapsed.count());
     medians.add("candidates", static_cast<double>(found.size()));

@@ -99,7 +99,7 @@ TEST(SurfaceContactsAllocation, NoneInSteadyState) {
       for (Eigen::Index k = 0; k < placed->back()[2].size(); k += 3)
         placed->back()[2][k] += 0.5;  // away from the others
   }
-  const SurfaceContactSettings settings;
+  const ContactSettings settings;
   std::vector<Contact> found;
   size_t between = 0, within = 0;
   const auto step = [&](int i) {

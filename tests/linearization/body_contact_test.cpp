@@ -156,7 +156,7 @@ Situation flyby(bool slide) {
 // Starts in the block, deeper than what a step may undo: those gaps do not follow the handle.
 Situation insideBlock(bool slide) {
   Situation s{emptyWorld(), slide ? vec6(0.01, 0.004, 0) : Vec6(Vec6::Zero())};
-  s.world.contact.recovery_speed = 0.05;
+  s.world.contact.max_recovery_speed = 0.05;
   s.world.add(heldCube(0.024));
   s.world.add(Body("block", barMesh({0.06, 0.06, 0.03}, {3, 3, 2}), soft(3e4)));
   s.steps = 3;
@@ -249,7 +249,7 @@ double pressedStiffness(Base base, bool reduce, DelassusModel delassus = Delassu
   world.gravity.setZero();
 
   world.link = {1e-9, 1e-9, 1e-9, 1e-9};
-  world.contact.reduce = reduce;
+  world.contact.reduction = reduce;
   const double thickness = world.contact.thickness;
   Material material;
   material.youngs_modulus = 2e4;

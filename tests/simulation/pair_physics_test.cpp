@@ -174,7 +174,7 @@ struct Counts {
 };
 void expectActsEqually(const World& world, Counts& counts) {
   constexpr double kLever = 0.02;  // [m] a body's size
-  const double near = 2 * (world.contact.thickness + world.contact.reach);
+  const double near = 2 * world.contact.surfaceReach();
   const ContactSet& set = world.contacts();
   for (std::size_t i = 0; i < set.contacts.size(); ++i) {
     const Contact& c = set.contacts[i];

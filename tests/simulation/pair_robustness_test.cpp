@@ -161,7 +161,7 @@ void expectComesApartGently(World& world, double h) {
       EXPECT_FALSE(in) << "h " << h << " step " << n;
     }
   }
-  EXPECT_LT(speed, 1.25 * world.contact.recovery_speed - h * world.gravity.z()) << "h " << h;
+  EXPECT_LT(speed, 1.25 * world.contact.max_recovery_speed - h * world.gravity.z()) << "h " << h;
   EXPECT_GT(apart, 0);
   EXPECT_LE(apart * h, 0.02 + 2 * h) << "h " << h;
 }

@@ -122,7 +122,7 @@ INSTANTIATE_TEST_SUITE_P(
 World pressedBar(bool reduce) {
   World world;
   world.link = {700, 2, 1.0, 0.01};
-  world.contact.reduce = reduce;
+  world.contact.reduction = reduce;
   world.obstacles = {ground(0.5)};
   Body body("body", standing(embedded(boxSurface(kBarSize, {9, 6, 5}), 150)), {});
   const double top = kBarSize.z() - 0.008;

@@ -71,9 +71,6 @@ const std::vector<int>& ContactReduction::choose(const std::vector<Contact>& can
     const Contact& q = candidates[b];
     return std::tuple(p.first.body, p.partner, p.patch, a) < std::tuple(q.first.body, q.partner, q.patch, b);
   });
-  const auto samePatch = [](const Contact& a, const Contact& b) {
-    return a.first.body == b.first.body && a.partner == b.partner && a.patch == b.patch;
-  };
   proposals_.clear();
   chosen_.clear();
   kept_.assign(candidates.size(), 0);

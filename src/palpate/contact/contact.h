@@ -77,6 +77,11 @@ struct Contact {
   }
 };
 
+/// Whether two contacts are of one patch of one pair of surfaces.
+inline bool samePatch(const Contact& a, const Contact& b) {
+  return a.first.body == b.first.body && a.partner == b.partner && a.patch == b.patch;
+}
+
 /// Tangents of a contact frame: the first is world x made tangent to the contact (world y where the normal is along x),
 /// so the linearized cone is exact for sliding along world x or y on level ground.
 void setTangents(Contact& contact);

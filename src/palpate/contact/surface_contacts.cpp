@@ -379,9 +379,8 @@ void SurfaceContacts::shift(const Item& item, int vertex, const Vec3& offset, Co
   for (int k = 0; k < 4; ++k) point.add(item.nodes[vertex][k], g[k].dot(offset));
 }
 
-void SurfaceContacts::add(std::size_t ia, std::size_t ib, const FeaturePair& pair,
-                          const SurfaceContactSettings& settings, double mu, bool overlapping,
-                          std::vector<Contact>& out) {
+void SurfaceContacts::add(std::size_t ia, std::size_t ib, const FeaturePair& pair, const ContactSettings& settings,
+                          double mu, bool overlapping, std::vector<Contact>& out) {
   const Item& a = items_[ia];
   const Item& b = items_[ib];
   const Vec3 start_a = at(a.surface.start, pair.first_vertex, pair.first_weight);
@@ -413,7 +412,7 @@ void SurfaceContacts::add(std::size_t ia, std::size_t ib, const FeaturePair& pai
                 pair.second_feature};
   c.first = point(a, pair.first_vertex, pair.first_weight);
   c.second = point(b, pair.second_vertex, pair.second_weight);
-  if (b.body >= 0 && (start_a - start_b).norm() < 2.0 * (settings.thickness + settings.reach)) {
+  if (b.body >= 0 && (start_a - start_b).norm() < 2.0 * settings.surfaceReach()) {
     const Vec3 middle = 0.5 * (start_a + start_b);
     shift(a, vertex_a, middle - start_a, c.first);
     shift(b, vertex_b, middle - start_b, c.second);
@@ -424,7 +423,7 @@ void SurfaceContacts::add(std::size_t ia, std::size_t ib, const FeaturePair& pai
 
 // Surfaces that start in each other: the inner point against the other's nearest outer place.
 void SurfaceContacts::addOverlap(std::size_t ia, std::size_t ib, const OverlapPoint& overlap,
-                                 const SurfaceContactSettings& settings, double mu, std::vector<Contact>& out) {
+                                 const ContactSettings& settings, double mu, std::vector<Contact>& out) {
   Item& inner = items_[overlap.of_first ? ia : ib];
   const Item& outer = items_[overlap.of_first ? ib : ia];
   Contact c;
@@ -450,8 +449,8 @@ void SurfaceContacts::addOverlap(std::size_t ia, std::size_t ib, const OverlapPo
   out.push_back(c);
 }
 
-void SurfaceContacts::follow(const Contact& earlier, const SurfaceContactSettings& settings,
-                             const FrictionTable& friction, std::vector<Contact>& out) {
+void SurfaceContacts::follow(const Contact& earlier, const ContactSettings& settings, const FrictionTable& friction,
+                             std::vector<Contact>& out) {
   const ContactFeatures& f = earlier.features;
   if (f.first < 0) return;
   const auto ia = static_cast<std::size_t>(f.first_surface);
@@ -487,7 +486,7 @@ void SurfaceContacts::follow(const Contact& earlier, const SurfaceContactSetting
   const Vec3 line =
       at(a.start, pair.first_vertex, pair.first_weight) - at(b.start, pair.second_vertex, pair.second_weight);
   const double distance = line.norm();
-  if (!(distance < settings.thickness + settings.reach) || !(distance > 1e-3 * settings.thickness)) return;
+  if (!(distance < settings.surfaceReach()) || !(distance > 1e-3 * settings.thickness)) return;
   pair.start_distance = distance;
   pair.normal = line / distance;
   // turned far since: another side of the features, which has pairs of its own
@@ -518,7 +517,7 @@ void SurfaceContacts::keepDependable() {
   });
 }
 
-void SurfaceContacts::findOverlapping(const SurfaceContactSettings& settings, const FrictionTable& friction,
+void SurfaceContacts::findOverlapping(const ContactSettings& settings, const FrictionTable& friction,
                                       std::vector<Contact>& out) {
   for (std::size_t b = 1; b < items_.size(); ++b) {
     for (std::size_t a = 0; a < b; ++a) {
@@ -533,9 +532,8 @@ void SurfaceContacts::findOverlapping(const SurfaceContactSettings& settings, co
   }
 }
 
-void SurfaceContacts::find(const SurfaceContactSettings& settings, const FrictionTable& friction,
-                           std::vector<Contact>& out) {
-  const double reach = settings.thickness + settings.reach;
+void SurfaceContacts::find(const ContactSettings& settings, const FrictionTable& friction, std::vector<Contact>& out) {
+  const double reach = settings.surfaceReach();
   for (Item& item : items_) refit(item);
   for (std::size_t b = 0; b < items_.size(); ++b) {
     if (items_[b].self) {

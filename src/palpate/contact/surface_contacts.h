@@ -7,6 +7,7 @@
 
 #include "palpate/contact/collision_surface.h"
 #include "palpate/contact/contact.h"
+#include "palpate/contact/contact_settings.h"
 #include "palpate/contact/overlap.h"
 #include "palpate/contact/surface_pairs.h"
 #include "palpate/mesh/types.h"
@@ -36,11 +37,6 @@ class FrictionTable {
   std::vector<Pair> pairs_;
 };
 
-struct SurfaceContactSettings {
-  double thickness = 2e-4;  ///< gap that surfaces keep [m]
-  double reach = 2e-4;      ///< pairs nearer than thickness + reach, at the start or the end, are candidates [m]
-};
-
 /// Contact between triangle surfaces: of bodies, soft and rigid, with each other, with themselves, with fixed ones.
 /// Vertex against face and edge against edge, by distance and along the whole motion of a step (docs/contact.md).
 class SurfaceContacts {
@@ -62,13 +58,12 @@ class SurfaceContacts {
   void distrust();
 
   /// Candidates along the motion from the present start to the present end; appends.
-  void find(const SurfaceContactSettings& settings, const FrictionTable& friction, std::vector<Contact>& out);
+  void find(const ContactSettings& settings, const FrictionTable& friction, std::vector<Contact>& out);
   /// Points of surfaces that start inside each other, as examineOverlaps() found them; appends.
-  void findOverlapping(const SurfaceContactSettings& settings, const FrictionTable& friction,
-                       std::vector<Contact>& out);
+  void findOverlapping(const ContactSettings& settings, const FrictionTable& friction, std::vector<Contact>& out);
   /// The same features as in an earlier step, where they now are, if they are within reach; appends. Which of the pairs
   /// around a place is nearest changes from step to step; keeping those that carried force keeps the force steady.
-  void follow(const Contact& earlier, const SurfaceContactSettings& settings, const FrictionTable& friction,
+  void follow(const Contact& earlier, const ContactSettings& settings, const FrictionTable& friction,
               std::vector<Contact>& out);
   /// Deepest overlap at the start [m], 0: none.
   double overlap() const { return overlap_; }
@@ -108,10 +103,10 @@ class SurfaceContacts {
   static bool facesOutward(const Item& a, const Item& b, const FeaturePair& pair);
   static ContactPoint point(const Item& item, const std::array<int, 3>& vertex, const std::array<double, 3>& weight);
   static void shift(const Item& item, int vertex, const Vec3& offset, ContactPoint& point);
-  void add(std::size_t ia, std::size_t ib, const FeaturePair& pair, const SurfaceContactSettings& settings, double mu,
+  void add(std::size_t ia, std::size_t ib, const FeaturePair& pair, const ContactSettings& settings, double mu,
            bool overlapping, std::vector<Contact>& out);
   void keepDependable();
-  void addOverlap(std::size_t ia, std::size_t ib, const OverlapPoint& overlap, const SurfaceContactSettings& settings,
+  void addOverlap(std::size_t ia, std::size_t ib, const OverlapPoint& overlap, const ContactSettings& settings,
                   double mu, std::vector<Contact>& out);
 
   std::vector<Item> items_;

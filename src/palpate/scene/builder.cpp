@@ -269,10 +269,10 @@ BuiltScene buildChecked(const SceneConfig& config) {
                 config.link.rotational_damping.value_or(allowed.rotational_damping)};
   world.contact.cone = config.contact.cone;
   world.contact.penetration_tolerance = config.contact.penetration_tolerance;
-  world.contact.reach = config.contact.margin;
-  world.contact.recovery_speed = config.contact.max_recovery_speed;
+  world.contact.margin = config.contact.margin;
+  world.contact.max_recovery_speed = config.contact.max_recovery_speed;
   world.contact.max_passes = config.contact.max_passes;
-  world.contact.reduce = config.contact.reduction;
+  world.contact.reduction = config.contact.reduction;
   world.contact.solver.max_iterations = config.contact.solver.max_iterations;
   world.contact.solver.tolerance = config.contact.solver.tolerance;
   for (const ObstacleConfig& o : config.obstacles) world.obstacles.push_back(buildObstacle(o));

@@ -10,8 +10,6 @@
 namespace palpate {
 namespace {
 
-SurfaceContactSettings surfaceSettings(const ContactSettings& settings) { return {settings.thickness, settings.reach}; }
-
 constexpr double kNegligible = 1e-16;  // m/s of residual, where everything is as good as at rest
 constexpr double kFarOff = 0.1;        // thicknesses that a residual may mean in a step
 constexpr double kDeep = 0.5;          // thicknesses below a plane at which a motion is cut short
@@ -83,11 +81,10 @@ void ContactStage::findOnPlanes(const std::vector<Body*>& bodies, const std::vec
 // where it now is. The search follows in any case, along the motion that this leads to.
 void ContactStage::propose(const std::vector<Body*>& bodies, const std::vector<int>& indices,
                            const ContactInput& input) {
-  findOnPlanes(bodies, indices, input, input.settings.reach);
+  findOnPlanes(bodies, indices, input, input.settings.margin);
   if (input.surfaces.active()) {
-    const SurfaceContactSettings surface = surfaceSettings(input.settings);
-    input.surfaces.findOverlapping(surface, input.friction, candidates_);
-    for (const Contact& c : near_) input.surfaces.follow(c, surface, input.friction, candidates_);
+    input.surfaces.findOverlapping(input.settings, input.friction, candidates_);
+    for (const Contact& c : near_) input.surfaces.follow(c, input.settings, input.friction, candidates_);
   }
   followEarlier(bodies, input);
   correctForTurning(bodies, kLargestArc * input.settings.thickness);
@@ -99,7 +96,7 @@ void ContactStage::search(const std::vector<Body*>& bodies, const std::vector<in
                           const ContactInput& input) {
   findOnPlanes(bodies, indices, input, 0.0);
   if (input.surfaces.active()) {
-    input.surfaces.find(surfaceSettings(input.settings), input.friction, candidates_);
+    input.surfaces.find(input.settings, input.friction, candidates_);
   }
   correctForTurning(bodies, kLargestArc * input.settings.thickness);
 }
@@ -359,9 +356,6 @@ bool ContactStage::addViolated() {
     return std::tuple(a.first.body, a.partner, a.patch, a.end_gap, a.key) <
            std::tuple(b.first.body, b.partner, b.patch, b.end_gap, b.key);
   });
-  const auto samePatch = [](const Contact& a, const Contact& b) {
-    return a.first.body == b.first.body && a.partner == b.partner && a.patch == b.patch;
-  };
   changed_.assign(set_.contacts.size(), 0);
   keys_.clear();
   for (std::size_t i = 0; i < set_.contacts.size(); ++i) keys_.emplace_back(set_.contacts[i].key, i);
@@ -449,7 +443,7 @@ void ContactStage::rememberNear(const ContactInput& input) {
   };
   for (const Contact& c : set_.contacts) keep(c);
   for (const Contact& c : candidates_) {
-    if (!c.crosses() && c.end_gap < input.settings.reach) keep(c);
+    if (!c.crosses() && c.end_gap < input.settings.margin) keep(c);
   }
 }
 
@@ -463,7 +457,7 @@ void ContactStage::chooseContacts(const std::vector<Body*>& bodies, const Contac
   }
   std::sort(touched_.begin(), touched_.end());
   touched_.erase(std::unique(touched_.begin(), touched_.end()), touched_.end());
-  if (!settings.reduce) {
+  if (!settings.reduction) {
     set_.contacts = candidates_;
     return;
   }
@@ -536,7 +530,7 @@ bool ContactStage::solve(const std::vector<Body*>& bodies, const std::vector<int
   for (;;) {
     if (!set_.contacts.empty()) {
       ++set_.passes;
-      capRecovery(h, settings.recovery_speed);
+      capRecovery(h, settings.max_recovery_speed);
       listByBody(set_.contacts, own_);
       if (!prepareNodes(bodies, indices)) {
         set_ = ContactSet{};
@@ -586,7 +580,6 @@ void ContactStage::limitMotion(const std::vector<Body*>& bodies, const std::vect
   constexpr int kPatient = 6;  // rounds after which a motion is cut by more than the impact asks
   share.assign(bodies.size(), 1.0);
   if (!set_.crossing) return;
-  const SurfaceContactSettings surface = surfaceSettings(input.settings);
   std::vector<double> next;
   for (int round = 0; round <= kRounds; ++round) {
     for (std::size_t b = 0; b < bodies.size(); ++b) {
@@ -594,7 +587,7 @@ void ContactStage::limitMotion(const std::vector<Body*>& bodies, const std::vect
       input.surfaces.setEnd(indices[b], x_end_[b]);
     }
     candidates_.clear();
-    input.surfaces.find(surface, input.friction, candidates_);
+    input.surfaces.find(input.settings, input.friction, candidates_);
     stopAtPlanes(bodies, indices, input);
     next = share;
     bool crossing = false;

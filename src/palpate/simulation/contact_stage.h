@@ -5,37 +5,12 @@
 
 #include "palpate/contact/contact.h"
 #include "palpate/contact/contact_finder.h"
+#include "palpate/contact/contact_settings.h"
 #include "palpate/contact/surface_contacts.h"
 #include "palpate/friction/contact_solver.h"
 #include "palpate/simulation/body.h"
 
 namespace palpate {
-
-struct ContactSettings {
-  FrictionCone cone;
-  /// A surface vertex deeper than this at the end of a pass becomes a contact of the next pass [m].
-  double penetration_tolerance = 1e-5;
-  /// What is predicted to come this near without contact is proposed in the first pass [m].
-  double reach = 2e-4;
-  /// Gap that surfaces of bodies keep from each other and from fixed ones (planes: none) [m].
-  double thickness = 2e-4;
-  /// Speed at which what starts inside another is pushed out [m/s].
-  double recovery_speed = 0.5;
-  int max_passes = 8;
-  /// false: every vertex within reach is a contact; for the study of reduction only.
-  bool reduce = true;
-  /// Least distance of two chosen contacts, as a fraction of the mesh's mean edge.
-  double spacing = 0.4;
-  ContactSolverSettings solver = solverForSteps();
-
-  /// A step must end: micrometers a second of error will do, and a hard problem gets about a second.
-  static ContactSolverSettings solverForSteps() {
-    ContactSolverSettings s;
-    s.acceptable = 1e-6;
-    s.max_operations = 1e10;
-    return s;
-  }
-};
 
 /// Contacts that act on one another: those of bodies that move and are connected through contacts. Obstacles, and
 /// bodies that stand still, connect nothing.
