@@ -22,7 +22,7 @@ const SimulationMesh& bunny(int tetrahedra) {
 }
 
 World heldBunny(int tetrahedra) {
-  Body body("bunny", bunny(tetrahedra), Material{});
+  BodyModel body("bunny", bunny(tetrahedra), Material{});
   double top = 0;
   for (int i = 0; i < body.nodes(); ++i) top = std::max(top, body.positions()[3 * i + 2]);
   test::holdNodes(
@@ -40,7 +40,7 @@ void contactReduction(benchmark::State& state) {
   }
   constexpr double h = 0.02;
   World world = heldBunny(static_cast<int>(state.range(0)));
-  DeviceTarget target{world.tool().handle().pose, Vec6::Zero()};
+  DeviceTarget target{world.tool().state.handle.pose, Vec6::Zero()};
   for (int n = 0; n < 20; ++n) {  // pressed 3 mm
     target.pose.position.z() -= 0.003 / 20;
     benchmark::DoNotOptimize(world.step(target, h));

@@ -115,7 +115,7 @@ void stepAgainstTriangles(benchmark::State& state) {
   FrictionTable friction;
   friction.setBody(0, 0.5);
   friction.setBody(1, 0.5);
-  PressAndRub hand(world.tool().handle().pose, 0.02, 0.005);
+  PressAndRub hand(world.tool().state.handle.pose, 0.02, 0.005);
   for (int n = 0; n < PressAndRub::kWarmUp; ++n) benchmark::DoNotOptimize(world.step(hand.next(), kStep));
 
   std::vector<Contact> found;
@@ -124,10 +124,10 @@ void stepAgainstTriangles(benchmark::State& state) {
     const StepReport report = world.step(hand.next(), kStep);
     state.SetIterationTime(report.times.contact);
     medians.add(report);
-    for (int b = 0; b < 2; ++b) apart.setStart(b, world.body(b).startPositions());
+    for (int b = 0; b < 2; ++b) apart.setStart(b, world.body(b).system.startPositions());
     found.clear();
     const auto begin = std::chrono::steady_clock::now();
-    for (int b = 0; b < 2; ++b) apart.setEnd(b, world.body(b).positions());
+    for (int b = 0; b < 2; ++b) apart.setEnd(b, world.body(b).state.positions);
     apart.find(world.contact, friction, found);
     const std::chrono::duration<double, std::milli> elapsed = std::chrono::steady_clock::now() - begin;
     medians.add("find_ms", elapsed.count());
@@ -148,7 +148,7 @@ void stepAgainstContacts(benchmark::State& state) {
   const auto side = static_cast<int>(std::lround(std::sqrt(static_cast<double>(state.range(0)) + 2.25) - 1.5));
   // with an even number of vertices on a side the block is between two columns
   World world = test::plateOverBlock(24, side, side % 2 == 0 ? 0.5 : 0.0);
-  PressAndRub hand(world.tool().handle().pose, 0.002, 0.001);
+  PressAndRub hand(world.tool().state.handle.pose, 0.002, 0.001);
   for (int n = 0; n < PressAndRub::kWarmUp; ++n) benchmark::DoNotOptimize(world.step(hand.next(), kStep));
   Medians medians;
   for (auto _ : state) {
@@ -157,7 +157,7 @@ void stepAgainstContacts(benchmark::State& state) {
     medians.add(report);
   }
   medians.report(state);
-  state.counters["tetrahedra"] = static_cast<double>(world.tool().mesh().mesh.tetrahedra.size());
+  state.counters["tetrahedra"] = static_cast<double>(world.tool().model.mesh().mesh.tetrahedra.size());
 }
 
 // Soft blocks of 48 tetrahedra side by side that slide down an incline, nine vertices of each on it: contacts that have

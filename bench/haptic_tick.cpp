@@ -37,7 +37,7 @@ void hapticTick(benchmark::State& state, Rendering rendering, bool active) {
 
 BENCHMARK_CAPTURE(hapticTick, hsl, Rendering::linearized, false);
 BENCHMARK_CAPTURE(hapticTick, hsl_active_model, Rendering::linearized, true);
-BENCHMARK_CAPTURE(hapticTick, vc, Rendering::visual_coupling, false);
+BENCHMARK_CAPTURE(hapticTick, vc, Rendering::virtual_coupling, false);
 
 }  // namespace
 }  // namespace palpate

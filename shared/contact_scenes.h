@@ -30,7 +30,7 @@ inline World plateOverBlock(int cells, double side, double shift = 0) {
   const double width = cells * kPlateCell;
   World world;
   world.gravity.setZero();
-  Body plate("plate", barMesh(Vec3(width, width, 2 * kPlateCell), {cells, cells, 2}), kFoam);
+  BodyModel plate("plate", barMesh(Vec3(width, width, 2 * kPlateCell), {cells, cells, 2}), kFoam);
   world.contact.thickness = thicknessOf(plate.mesh());
   holdNodes(
       plate, [](const Vec3& p) { return p.z() > 1.5 * kPlateCell; }, kPlainHandle);
@@ -51,7 +51,7 @@ inline World slidingBlocks(int count, int finest = 2) {
   for (int i = 0; i < count; ++i) {
     const int cells = 2 + i % (finest - 1);
     const SimulationMesh mesh = barMesh(Vec3::Constant(kInclineSide), {cells, cells, cells});
-    world.add(Body("block", moved(mesh, {Vec3(0, 2 * kInclineSide * i, 0), Quat::Identity()}), kFoam, kIncline));
+    world.add(BodyModel("block", moved(mesh, {Vec3(0, 2 * kInclineSide * i, 0), Quat::Identity()}), kFoam, kIncline));
   }
   return world;
 }
@@ -74,7 +74,7 @@ inline World ballOverBall(const SimulationMesh& ball, const BallOptions& options
   World world;
   world.gravity.setZero();
   world.contact.thickness = thicknessOf(ball);
-  Body upper("upper", moved(ball, {options.offset, Quat::Identity()}), kFoam), lower("lower", ball, kFoam);
+  BodyModel upper("upper", moved(ball, {options.offset, Quat::Identity()}), kFoam), lower("lower", ball, kFoam);
   holdNodes(
       upper, [&](const Vec3& p) { return p.z() > options.offset.z() + 0.5 * kBallRadius; }, kPlainHandle);
   if (options.lower_handle > 0) {

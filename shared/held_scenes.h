@@ -26,9 +26,9 @@ inline SimulationMesh moved(SimulationMesh mesh, const Pose& pose) {
 }
 
 /// Bar with its bottom at z = 0, free or held at the nodes that `region` selects by their rest position.
-inline Body bar(const std::array<int, 3>& cells, const Material& material, double friction = 0.5,
-                const Vec6& velocity = Vec6::Zero()) {
-  return Body("bar", barMesh(kBarSize, cells), material, friction, velocity);
+inline BodyModel bar(const std::array<int, 3>& cells, const Material& material, double friction = 0.5,
+                     const Vec6& velocity = Vec6::Zero()) {
+  return BodyModel("bar", barMesh(kBarSize, cells), material, friction, velocity);
 }
 
 /// A handle of tests and benchmarks.
@@ -42,8 +42,8 @@ struct HandleOptions {
 /// A handle whose frame is the world's.
 inline const HandleOptions kPlainHandle{"handle", 0.02, Vec3::Zero(), Quat::Identity(), Vec6::Zero()};
 
-inline void holdNodes(Body& body, const std::vector<int>& nodes, const HandleOptions& options = {}) {
-  Handle handle = handleOnNodes(options.name, nodes, body.positions(), body.elasticity().mass(), options.mass,
+inline void holdNodes(BodyModel& body, const std::vector<int>& nodes, const HandleOptions& options = {}) {
+  Handle handle = handleOnNodes(options.name, nodes, body.state.positions, body.model.elasticity().mass(), options.mass,
                                 options.inertia, options.rotation);
   handle.twist = options.twist;
   body.hold(handle);
@@ -51,8 +51,8 @@ inline void holdNodes(Body& body, const std::vector<int>& nodes, const HandleOpt
 /// @param region  of the rest positions
 template <class Region>
 requires std::predicate<Region, Vec3>
-void holdNodes(Body& body, const Region& region, const HandleOptions& options = {}) {
-  holdNodes(body, nodesWhere(body.mesh().mesh.nodes, region), options);
+void holdNodes(BodyModel& body, const Region& region, const HandleOptions& options = {}) {
+  holdNodes(body, nodesWhere(body.model.mesh().mesh.nodes, region), options);
 }
 
 inline bool onTop(const Vec3& p) { return p.z() > kBarSize.z() - 1e-9; }
@@ -62,17 +62,20 @@ inline Obstacle ground(double friction = 0.5) { return {PlaneShape{}, friction, 
 
 inline Vec3 momentum(const Body& body) {
   Vec3 sum = Vec3::Zero();
-  for (int i = 0; i < body.nodes(); ++i) sum += body.elasticity().mass()[i] * body.velocities().segment<3>(3 * i);
-  if (body.framed()) sum += (body.handle().mass - body.handle().attached_mass) * body.handle().twist.head<3>();
+  for (int i = 0; i < body.model.nodes(); ++i)
+    sum += body.model.elasticity().mass()[i] * body.state.velocities.segment<3>(3 * i);
+  if (body.model.framed())
+    sum += (body.model.handle().mass - body.model.handle().attached_mass) * body.state.handle.twist.head<3>();
   return sum;
 }
 
-inline Vec3 centerVelocity(const Body& body) { return momentum(body) / body.totalMass(); }
+inline Vec3 centerVelocity(const Body& body) { return momentum(body) / body.model.totalMass(); }
 
 inline Vec3 center(const Body& body) {
   Vec3 sum = Vec3::Zero();
-  for (int i = 0; i < body.nodes(); ++i) sum += body.elasticity().mass()[i] * body.positions().segment<3>(3 * i);
-  return sum / body.elasticity().mass().sum();
+  for (int i = 0; i < body.model.nodes(); ++i)
+    sum += body.model.elasticity().mass()[i] * body.state.positions.segment<3>(3 * i);
+  return sum / body.model.elasticity().mass().sum();
 }
 
 /// Force of all contacts of a body on it, and the sum of their normal parts.
@@ -83,7 +86,7 @@ struct ContactForce {
 inline ContactForce contactForce(const World& world, int body) {
   ContactForce out;
   const ContactSet& set = world.contacts();
-  const double h = world.body(body).input().step;
+  const double h = world.body(body).system.input().step;
   for (std::size_t i = 0; i < set.contacts.size(); ++i) {
     const Vec3 impulse = set.impulse.segment<3>(static_cast<Eigen::Index>(3 * i));
     const Vec3 force = set.contacts[i].frame().transpose() * impulse / h;
@@ -96,12 +99,12 @@ inline ContactForce contactForce(const World& world, int body) {
 
 /// Depth of the deepest surface vertex in any analytic obstacle, by brute force [m].
 inline double deepestVertex(const World& world, int index) {
-  const Body& body = world.body(index);
+  const Body body = world.body(index);
   double deepest = 0;
-  for (const EmbeddedPoint& e : body.mesh().embedding) {
+  for (const EmbeddedPoint& e : body.model.mesh().embedding) {
     Vec3 p = Vec3::Zero();
     for (int k = 0; k < 4; ++k) {
-      p += e.weights[k] * body.positions().segment<3>(3 * body.mesh().mesh.tetrahedra[e.tetrahedron][k]);
+      p += e.weights[k] * body.state.positions.segment<3>(3 * body.model.mesh().mesh.tetrahedra[e.tetrahedron][k]);
     }
     for (const Obstacle& o : world.obstacles) {
       deepest = std::max(deepest, -std::visit([&](const auto& shape) { return signedDistance(shape, p); }, o.shape));
@@ -112,14 +115,15 @@ inline double deepestVertex(const World& world, int index) {
 
 /// Elastic energy with the rotations of the present positions; a step leaves those of its start.
 inline double elasticEnergy(const Body& body) {
-  ElasticMesh fem = body.elasticity();
-  fem.updateRotations(body.positions());
-  return fem.energy(body.positions());
+  ElasticMesh fem = body.model.elasticity();
+  fem.updateRotations(body.state.positions);
+  return fem.energy(body.state.positions);
 }
 
 inline double mechanicalEnergy(const World& world, int index) {
-  const Body& body = world.body(index);
-  return body.kineticEnergy() + elasticEnergy(body) - body.totalMass() * world.gravity.dot(center(body));
+  const Body body = world.body(index);
+  return body.model.kineticEnergy(body.state) + elasticEnergy(body) -
+         body.model.totalMass() * world.gravity.dot(center(body));
 }
 
 }  // namespace palpate::test

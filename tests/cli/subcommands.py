@@ -407,7 +407,7 @@ def view_serves_its_page_and_messages(context):
         expect(status == 200 and b"<!doctype html" in page.lower(), f"the page: {status}, {page[:60]!r}")
         for name in ("app.js", "app.css", "icon.svg"):
             expect(served.get(name)[0] == 200, f"/{name} is missing")
-        expect(b'"mode":"live"' in served.get("session.json")[1], "/session.json does not say live")
+        expect(b'"mode":"view"' in served.get("session.json")[1], "/session.json does not say view")
         expect(served.get("nothing")[0] == 404, "what is not there was found")
         expect(served.get("", Host="evil.example")[0] == 403, "a foreign host was served")
         with socket.create_connection(("127.0.0.1", served.port), timeout=20) as s:

@@ -35,7 +35,7 @@ HapticSettings busySettings() {
   settings.safety.start_ramp = 0.4;
   settings.safety.model_age_limit = 0.05;
   settings.safety.model_decay = 1.0;
-  settings.safety.force_slew = 20.0;
+  settings.safety.max_slew = 20.0;
   return settings;
 }
 

@@ -39,8 +39,8 @@ HandleOptions lopsided(double own_mass = 0.02) {
 }
 
 // Soft 4 cm cube held at its top, its bottom at the given height.
-Body heldCube(double height) {
-  Body body("tool", moved(barMesh({0.04, 0.04, 0.04}, {2, 2, 2}), at({0.011, 0.008, height})), soft());
+BodyModel heldCube(double height) {
+  BodyModel body("tool", moved(barMesh({0.04, 0.04, 0.04}, {2, 2, 2}), at({0.011, 0.008, height})), soft());
   holdNodes(
       body, [&](const Vec3& p) { return p.z() > height + 0.04 - 1e-9; }, lopsided());
   return body;
@@ -66,9 +66,9 @@ const Vec6 kRub = vec6(0.014, 0.006, -0.006, 0.02, 0.01, 0.05);
 Situation onSoftBlock(bool slide) {
   Situation s{emptyWorld(), slide ? kRub : kPress};
   s.world.add(heldCube(0.0305));
-  s.world.add(Body("block", barMesh({0.06, 0.06, 0.03}, {3, 3, 2}), soft(3e4)));
+  s.world.add(BodyModel("block", barMesh({0.06, 0.06, 0.03}, {3, 3, 2}), soft(3e4)));
   // one that the tool's motion does not reach
-  s.world.add(Body("bystander", moved(barMesh({0.02, 0.02, 0.02}, {1, 1, 1}), at({0.2, 0, 0})), soft()));
+  s.world.add(BodyModel("bystander", moved(barMesh({0.02, 0.02, 0.02}, {1, 1, 1}), at({0.2, 0, 0})), soft()));
   return s;
 }
 
@@ -76,7 +76,7 @@ Situation onRigidBox(bool slide) {
   Situation s{emptyWorld(), slide ? kRub : kPress};
   s.world.add(heldCube(0.0305));
   const Pose pose{Vec3(0.03, 0.03, 0.015), Quat::Identity()};
-  s.world.add(Body::rigid("box", placed(boxSurface({0.06, 0.06, 0.03}, {2, 2, 1}), pose), 800));
+  s.world.add(BodyModel::rigid("box", placed(boxSurface({0.06, 0.06, 0.03}, {2, 2, 1}), pose), 800));
   return s;
 }
 
@@ -84,9 +84,9 @@ Situation onRigidBox(bool slide) {
 Situation onStack(bool slide) {
   Situation s{emptyWorld(), slide ? kRub : kPress};
   s.world.add(heldCube(0.0427));
-  s.world.add(Body("block", barMesh({0.06, 0.06, 0.03}, {2, 2, 1}), soft(3e4), 2.0));
+  s.world.add(BodyModel("block", barMesh({0.06, 0.06, 0.03}, {2, 2, 1}), soft(3e4), 2.0));
   const Pose pose{Vec3(0.03, 0.03, 0.0362), Quat::Identity()};
-  s.world.add(Body::rigid("plate", placed(boxSurface({0.06, 0.06, 0.012}), pose), 800, 2.0));
+  s.world.add(BodyModel::rigid("plate", placed(boxSurface({0.06, 0.06, 0.012}), pose), 800, 2.0));
   return s;
 }
 
@@ -110,7 +110,7 @@ Situation onItself(bool slide) {
     }
     hook.tetrahedra.push_back(t);
   }
-  Body body("tool", simulationMeshOf(hook), soft());
+  BodyModel body("tool", simulationMeshOf(hook), soft());
   holdNodes(
       body, [](const Vec3& p) { return p.x() > 0.059 && p.z() > 0.011; }, lopsided());
   Situation s{emptyWorld(2.0), slide ? vec6(0.008, 0.005, -0.008, 0, 0, 0.1) : vec6(0, 0, -0.008, 0, 0.05, 0)};
@@ -133,7 +133,7 @@ Situation flyby(bool slide) {
   s.world.add(heldCube(0.1));
   const Vec6 velocity = slide ? vec6(-0.3, 1.5, 0.1, 0, 0, 2) : vec6(-1.5, 0.02, 0.01, 0, 0, 0.5);
   const Vec3 corner = slide ? Vec3(0.0535, -0.03, 0.105) : Vec3(0.085, 0.012, 0.105);
-  s.world.add(Body("ball", moved(barMesh({0.03, 0.03, 0.03}, {2, 2, 2}), at(corner)), soft(), 0.5, velocity));
+  s.world.add(BodyModel("ball", moved(barMesh({0.03, 0.03, 0.03}, {2, 2, 2}), at(corner)), soft(), 0.5, velocity));
   s.steps = 16;
   s.until_contact = true;
   return s;
@@ -144,7 +144,7 @@ Situation insideBlock(bool slide) {
   Situation s{emptyWorld(), slide ? vec6(0.01, 0.004, 0) : Vec6(Vec6::Zero())};
   s.world.contact.max_recovery_speed = 0.05;
   s.world.add(heldCube(0.024));
-  s.world.add(Body("block", barMesh({0.06, 0.06, 0.03}, {3, 3, 2}), soft(3e4)));
+  s.world.add(BodyModel("block", barMesh({0.06, 0.06, 0.03}, {3, 3, 2}), soft(3e4)));
   s.steps = 3;
   return s;
 }
@@ -179,7 +179,7 @@ TEST_P(BodyContact, AgreesWithCentralDifferences) {
   const double friction = slide ? test.sliding : test.sticking;
   for (int i = 0; i < world.bodies(); ++i) world.setFriction(0, i, friction);
   world.setFriction(0, FrictionTable::obstacle(1), friction);
-  const Pose start = world.tool().handle().pose;
+  const Pose start = world.tool().state.handle.pose;
   DeviceTarget target{start, s.motion / (s.steps * kStep)};
   for (int i = 1; i <= s.steps; ++i) {
     target.pose = advance(start, s.motion * (static_cast<double>(i) / s.steps));
@@ -241,25 +241,32 @@ double pressedStiffness(Base base, bool reduce, DelassusModel delassus = Delassu
   material.youngs_modulus = 2e4;
   material.poisson_ratio = 0;
   material.damping_beta = 0;
-  Body tool("tool", moved(barMesh({0.04, 0.04, 0.04}, {2, 2, 2}), at({0, 0, 0.03 + thickness})), material, 1.0);
+  BodyModel tool("tool", moved(barMesh({0.04, 0.04, 0.04}, {2, 2, 2}), at({0, 0, 0.03 + thickness})), material, 1.0);
   holdNodes(
       tool, [](const Vec3& p) { return p.z() > 0.07; }, lopsided(1e8));
   world.add(std::move(tool));
   if (base == Base::soft) {
     material.youngs_modulus = 3e4;
-    world.add(Body("block", barMesh({0.04, 0.04, 0.03}, {2, 2, 2}), material, 1.0));
+    world.add(BodyModel("block", barMesh({0.04, 0.04, 0.03}, {2, 2, 2}), material, 1.0));
   } else {
     const Pose pose{Vec3(0.02, 0.02, 0.015), Quat::Identity()};
-    world.add(Body::rigid("block", placed(boxSurface({0.04, 0.04, 0.03}, {2, 2, 2}), pose), 500, 1.0));
+    world.add(BodyModel::rigid("block", placed(boxSurface({0.04, 0.04, 0.03}, {2, 2, 2}), pose), 500, 1.0));
   }
-  Pose pose = world.tool().handle().pose;
+  Pose pose = world.tool().state.handle.pose;
   for (int i = 0; i < 80; ++i) {
     if (i < 20) pose.position.z() -= 5e-5;
     world.tool().setHandleState(pose, Vec6::Zero());
     EXPECT_NE(world.step({pose, Vec6::Zero()}, kStep).status, StepStatus::restored);
   }
   EXPECT_NE(world.evaluate({pose, Vec6::Zero()}, kLong).status, StepStatus::restored);
-  if (getenv("EXP")) for (std::size_t i = 0; i < world.contacts().contacts.size(); ++i) { const Contact& c = world.contacts().contacts[i]; const ContactPoint& p = c.first.body == 0 ? c.first : c.second; const Vec3 x = p.at(world.tool().startPositions()); printf("  %g %g %g state %d W %g\n", 1e3*x.x(), 1e3*x.y(), 1e3*x.z(), (int)world.contacts().status[i].state, world.contacts().rows[0].delassus(3*i,3*i)); }
+  if (getenv("EXP"))
+    for (std::size_t i = 0; i < world.contacts().contacts.size(); ++i) {
+      const Contact& c = world.contacts().contacts[i];
+      const ContactPoint& p = c.first.body == 0 ? c.first : c.second;
+      const Vec3 x = p.at(world.tool().system.startPositions());
+      printf("  %g %g %g state %d W %g\n", 1e3 * x.x(), 1e3 * x.y(), 1e3 * x.z(), (int)world.contacts().status[i].state,
+             world.contacts().rows[0].delassus(3 * i, 3 * i));
+    }
   return -linearize(world, {delassus, Derivative::frozen}, 0).kx(2, 2);
 }
 
@@ -292,9 +299,11 @@ TEST(GivingWay, DiagonalModelFeelsTheToolAlone) {
 }
 
 TEST(Experiment, Diagonal) {
-  for (const bool reduce : {true, false}) for (const Base base : {Base::rigid, Base::soft}) {
-    printf("reduce %d base %d diag %.9g exact %.9g tool %g\n", reduce, base == Base::soft, pressedStiffness(base, reduce, DelassusModel::diagonal), pressedStiffness(base, reduce), 2e4 * 0.04);
-  }
+  for (const bool reduce : {true, false})
+    for (const Base base : {Base::rigid, Base::soft}) {
+      printf("reduce %d base %d diag %.9g exact %.9g tool %g\n", reduce, base == Base::soft,
+             pressedStiffness(base, reduce, DelassusModel::diagonal), pressedStiffness(base, reduce), 2e4 * 0.04);
+    }
 }
 }  // namespace
 }  // namespace palpate

@@ -16,7 +16,7 @@ using namespace test;
 World heldCube(double friction, FrictionCone cone = {}) {
   Material material;
   material.damping_alpha = 0.3;  // exercised, though off by default
-  Body body("cube", barMesh({0.06, 0.06, 0.06}, {3, 3, 3}), material);
+  BodyModel body("cube", barMesh({0.06, 0.06, 0.06}, {3, 3, 3}), material);
   holdNodes(body, [](const Vec3& p) { return p.z() > 0.06 - 1e-9; });
   World world;
   world.link = {700, 2, 1.0, 0.01};
@@ -43,7 +43,7 @@ TEST_P(Linearization, AgreesWithCentralDifferences) {
   FrictionCone cone;
   cone.exact = regime.exact;
   World world = heldCube(regime.friction, cone);
-  const Pose start = world.tool().handle().pose;
+  const Pose start = world.tool().state.handle.pose;
   const double h = 0.01;
   DeviceTarget target{start, regime.speed};
   for (int i = 1; i <= regime.steps; ++i) {

@@ -33,7 +33,7 @@ TEST(Overrides, ChangeWhatTheyName) {
   EXPECT_EQ(scene.method, MethodName::vc);
   EXPECT_EQ(scene.aim, AimName::sample);
   EXPECT_EQ(scene.derivative, DerivativeName::frozen);
-  EXPECT_FALSE(scene.contact.cone.exact);
+  EXPECT_FALSE(scene.contact.settings.cone.exact);
   EXPECT_EQ(scene.tool.chosenHandle().name, "rod");
   EXPECT_EQ(scene.device.kind, DeviceName::prescribed);
   EXPECT_FALSE(scene.device.recording.has_value());

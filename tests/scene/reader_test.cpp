@@ -44,19 +44,26 @@ TEST(SceneReader, ReadsTheRun) {
   EXPECT_TRUE(scene.weight_compensation);
 }
 
+TEST(SceneReader, PicturesLookFromWhereTheSceneSaysOrFromTheToolsFront) {
+  expectClose(read(full_scene).viewFrom(), {0, -0.6, 0.8});
+  const Vec3 alien = Vec3(0.5, 0.95, 0.42).normalized();
+  expectClose(read(replaced(full_scene, "view: {from: [0, -3, 4]}\n", "")).viewFrom(), alien);
+  expectClose(read(small_scene).viewFrom(), {-alien.x(), -alien.y(), alien.z()});
+}
+
 TEST(SceneReader, ReadsContactLinkDeviceAndSafety) {
   const SceneConfig scene = read(full_scene);
-  EXPECT_TRUE(scene.contact.cone.exact);
-  EXPECT_EQ(scene.contact.cone.facets, 12);
+  EXPECT_TRUE(scene.contact.settings.cone.exact);
+  EXPECT_EQ(scene.contact.settings.cone.facets, 12);
   EXPECT_EQ(scene.contact.friction, 0.7);
   EXPECT_EQ(scene.contact.thickness, 0.0006);
-  EXPECT_EQ(scene.contact.max_recovery_speed, 0.25);
-  EXPECT_EQ(scene.contact.margin, 0.004);
-  EXPECT_EQ(scene.contact.penetration_tolerance, 2e-5);
-  EXPECT_EQ(scene.contact.max_passes, 6);
-  EXPECT_FALSE(scene.contact.reduction);
-  EXPECT_EQ(scene.contact.solver.max_iterations, 500);
-  EXPECT_EQ(scene.contact.solver.tolerance, 1e-8);
+  EXPECT_EQ(scene.contact.settings.max_recovery_speed, 0.25);
+  EXPECT_EQ(scene.contact.settings.margin, 0.004);
+  EXPECT_EQ(scene.contact.settings.penetration_tolerance, 2e-5);
+  EXPECT_EQ(scene.contact.settings.max_passes, 6);
+  EXPECT_FALSE(scene.contact.settings.reduction);
+  EXPECT_EQ(scene.contact.settings.solver.max_iterations, 500);
+  EXPECT_EQ(scene.contact.settings.solver.tolerance, 1e-8);
   EXPECT_EQ(scene.link.stiffness, 600.0);
   EXPECT_EQ(scene.link.damping, 4.0);
   EXPECT_EQ(scene.link.rotational_stiffness, 0.9);
@@ -79,9 +86,16 @@ TEST(SceneReader, ReadsContactLinkDeviceAndSafety) {
   EXPECT_EQ(scene.device.limits.rotational_stiffness, 2.0);
   EXPECT_EQ(scene.device.limits.rotational_damping, 0.006);
   EXPECT_EQ(scene.device.limits.workspace_radius, 0.2);
-  EXPECT_EQ(scene.safety.max_slew, 500.0);
-  EXPECT_EQ(scene.safety.start_ramp, 0.3);
+  EXPECT_EQ(scene.safety.settings.max_slew, 500.0);
+  EXPECT_EQ(scene.safety.settings.start_ramp, 0.3);
   EXPECT_EQ(scene.safety.model_age_limit, 0.2);
+}
+
+TEST(SceneReader, LinkIsWhatTheDeviceAllowsButForItsOwnKeys) {
+  const SceneConfig scene = read(replaced(full_scene, "damping: 4, ", ""));
+  EXPECT_EQ(scene.link.stiffness, 600.0);
+  EXPECT_EQ(scene.link.damping, 6.0);  // of the device's limits, which come later in the file
+  EXPECT_EQ(scene.link.rotational_stiffness, 0.9);
 }
 
 TEST(SceneReader, ReadsTheTool) {
@@ -234,13 +248,16 @@ TEST(SceneReader, SmallSceneHasTheDefaultsOfItsStructs) {
   EXPECT_FALSE(scene.substeps_auto);
   EXPECT_TRUE(scene.tool.self_contact);
   EXPECT_FALSE(scene.contact.thickness.has_value());
-  EXPECT_EQ(scene.contact.max_recovery_speed, 0.5);
+  EXPECT_EQ(scene.contact.settings.max_recovery_speed, 0.5);
   EXPECT_TRUE(scene.contact.pairs.empty());
-  EXPECT_FALSE(scene.contact.cone.exact);
-  EXPECT_EQ(scene.contact.solver.tolerance, ContactSolverSettings{}.tolerance);
+  EXPECT_FALSE(scene.contact.settings.cone.exact);
+  EXPECT_EQ(scene.contact.settings.solver.tolerance, ContactSolverSettings{}.tolerance);
   EXPECT_EQ(scene.device.kind, DeviceName::simulated);
   EXPECT_EQ(scene.device.limits.peak_force, DeviceLimits{}.peak_force);
-  EXPECT_FALSE(scene.link.stiffness || scene.safety.max_slew || scene.device.mass || scene.tool.friction);
+  EXPECT_EQ(scene.link.stiffness, DeviceLimits{}.stiffness);
+  EXPECT_EQ(scene.safety.settings.max_slew, SafetySettings{}.max_slew);
+  EXPECT_EQ(scene.device.mass, SimulatedDeviceSettings{}.mass);
+  EXPECT_FALSE(scene.safety.model_age_limit || scene.tool.friction);
   EXPECT_EQ(scene.tool.handle, "top");
   EXPECT_TRUE(scene.tool.chosenHandle().hand.keyframes.empty());
   EXPECT_TRUE(scene.tool.chosenHandle().hand.smooth);

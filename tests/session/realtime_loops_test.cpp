@@ -180,12 +180,12 @@ TEST(RealtimeLoops, ChangeOfMethodLeavesNoJump) {
   TickRecord row;
   Vec6 last = Vec6::Zero();
   bool first = true;
-  const double slew = scene.haptic.safety.force_slew * config.haptic_step;
+  const double slew = scene.haptic.safety.max_slew * config.haptic_step;
   int ticks = 0;
   for (int k = 0; k < 60; ++k) {
     RunTiming timing = timingOf(config);
     timing.visual_step = k % 4 < 2 ? 0.033 : 0.01;
-    loops.change(k % 2 ? Rendering::visual_coupling : Rendering::linearized, timing);
+    loops.change(k % 2 ? Rendering::virtual_coupling : Rendering::linearized, timing);
     loops.stepOnce();
     while (loops.pop(row)) {
       if (!first) {

@@ -16,16 +16,17 @@ constexpr double kThickness = 0.001;  // of the plate [m]
 Obstacle plate() { return {BoxShape{Pose{}, Vec3(1.0, 1.0, 0.5 * kThickness)}, 0.3, "plate"}; }
 
 double lowest(const Body& body) {
-  const VecX points = EmbeddingMap(body.mesh().mesh, body.mesh().embedding).interpolate(body.positions());
+  const VecX points =
+      EmbeddingMap(body.model.mesh().mesh, body.model.mesh().embedding).interpolate(body.state.positions);
   double z = points[2];
   for (Eigen::Index i = 2; i < points.size(); i += 3) z = std::min(z, points[i]);
   return z;
 }
 
 struct Swing {
-  int cut = 0;        // motions cut short
-  double gap = 1e300; // least [m]
-  double end_gap = 0; // [m]
+  int cut = 0;         // motions cut short
+  double gap = 1e300;  // least [m]
+  double end_gap = 0;  // [m]
   int end_active = 0;
   double lost = 0;
   int passes = 0;
@@ -49,13 +50,13 @@ Swing swing(int seed, double spin) {
   }
   attitude.position.z() = 0.01 + 0.02 * (1 + uniform(random)) - bottom;
   const SimulationMesh bar = barMesh(size, {2, 2, 2});
-  Body body("bar", moved(bar, attitude), {});
+  BodyModel body("bar", moved(bar, attitude), {});
   HandleOptions handle = kPlainHandle;
   handle.inertia.setConstant(1e-5);
   holdNodes(body, nodesWhere(bar.mesh.nodes, [](const Vec3& p) { return p.z() < 1e-9; }), handle);  // one end
   world.add(std::move(body), true);
   EXPECT_GT(lowest(world.tool()), 0.5 * kThickness);
-  DeviceTarget device{world.tool().handle().pose, Vec6::Zero()};
+  DeviceTarget device{world.tool().state.handle.pose, Vec6::Zero()};
   const Vec3 down = Vec3(0.7 * uniform(random), 0.7 * uniform(random), -1).normalized();
   device.twist << 2.0 * down, spin * Vec3(uniform(random), uniform(random), uniform(random)).normalized();
   for (int n = 0; n < 12; ++n) {
@@ -76,12 +77,20 @@ Swing swing(int seed, double spin) {
 }
 TEST(Experiment, Plate) {
   for (const double spin : {0.0, 5.0, 20.0}) {
-    int cut = 0, most = 0, idle = 0; double lost = 0, worst = 0, end = 0, gap = 1;
+    int cut = 0, most = 0, idle = 0;
+    double lost = 0, worst = 0, end = 0, gap = 1;
     for (int seed = 0; seed < 1000; ++seed) {
       const Swing s = swing(seed, spin);
-      cut += s.cut; most = std::max(most, s.cut); lost += s.lost; worst = std::max(worst, s.lost); end = std::max(end, s.end_gap); gap = std::min(gap, s.gap); idle += s.end_active == 0;
+      cut += s.cut;
+      most = std::max(most, s.cut);
+      lost += s.lost;
+      worst = std::max(worst, s.lost);
+      end = std::max(end, s.end_gap);
+      gap = std::min(gap, s.gap);
+      idle += s.end_active == 0;
     }
-    printf("spin %g cut %d most %d lost %g worst %g end gap %g least %g idle %d\n", spin, cut, most, lost, worst, end, gap, idle);
+    printf("spin %g cut %d most %d lost %g worst %g end gap %g least %g idle %d\n", spin, cut, most, lost, worst, end,
+           gap, idle);
   }
 }
 

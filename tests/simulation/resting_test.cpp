@@ -48,7 +48,7 @@ void expectRests(World& world, double seconds, double h = 0.02, double facets = 
     EXPECT_LT(deepestVertex(world, 0), kDepth + facets);
   }
   const ContactForce force = contactForce(world, 0);
-  const Vec3 weight = world.body(0).totalMass() * world.gravity;
+  const Vec3 weight = world.body(0).model.totalMass() * world.gravity;
   EXPECT_LT((force.total + weight).norm(), 1e-3 * weight.norm());
 }
 
@@ -58,7 +58,7 @@ World restingWorld(SimulationMesh mesh, double friction = 0.5) {
   material.damping_beta = 0.01;
   World world;
   world.obstacles = {ground(friction)};
-  world.add(Body("body", std::move(mesh), material));
+  world.add(BodyModel("body", std::move(mesh), material));
   return world;
 }
 
@@ -66,7 +66,7 @@ TEST(Resting, BarOnTheGround) {
   for (const double friction : {0.0, 0.5}) {
     World world = restingWorld(barMesh(kBarSize, {4, 3, 3}), friction);
     expectRests(world, 1.5);
-    EXPECT_NEAR(contactForce(world, 0).normal, 9.81 * world.body(0).totalMass(), 1e-3);
+    EXPECT_NEAR(contactForce(world, 0).normal, 9.81 * world.body(0).model.totalMass(), 1e-3);
   }
 }
 
@@ -122,11 +122,11 @@ World pressedBar(bool reduce) {
   world.link = {700, 2, 1.0, 0.01};
   world.contact.reduction = reduce;
   world.obstacles = {ground(0.5)};
-  Body body("body", standing(embedded(boxSurface(kBarSize, {9, 6, 5}), 150)), {});
+  BodyModel body("body", standing(embedded(boxSurface(kBarSize, {9, 6, 5}), 150)), {});
   const double top = kBarSize.z() - 0.008;
   holdNodes(body, [&](const Vec3& p) { return p.z() > top; });
   world.add(std::move(body));
-  const Pose start = world.tool().handle().pose;
+  const Pose start = world.tool().state.handle.pose;
   for (int n = 1; n <= 30; ++n) {
     Vec6 offset = Vec6::Zero();
     offset[2] = -0.003 * std::min(1.0, n / 15.0);
@@ -163,7 +163,7 @@ TEST(Contact, OrderOfObstaclesDoesNotMatter) {
   const World a = run(false);
   const World b = run(true);
   EXPECT_GT(a.contacts().active(), 4);
-  EXPECT_LT((a.body(0).positions() - b.body(0).positions()).cwiseAbs().maxCoeff(), 1e-6);
+  EXPECT_LT((a.body(0).state.positions - b.body(0).state.positions).cwiseAbs().maxCoeff(), 1e-6);
 }
 
 }  // namespace

@@ -153,7 +153,7 @@ TEST_P(Teams, RethrowsAndGoesOn) {
   EXPECT_THROW(parallelFor(ThreadTeam::kMaxParts + 1, [](int) {}), RunError);
 }
 
-// As the loops of a live run do: the page's thread steps while the visual loop stands still.
+// As the loops of an interactive run do: the page's thread steps while the visual loop stands still.
 TEST_P(Teams, ServesOneThreadAfterTheOther) {
   ThreadTeam team(GetParam());
   for (int round = 0; round < 20; ++round) {

@@ -48,7 +48,7 @@ Outcome run(Scene scene, int threads) {
   const ExecutorScope scope(team ? &*team : nullptr);
   Outcome out;
   DeviceTarget device;
-  if (scene.world.hasTool()) device.pose = scene.world.tool().handle().pose;
+  if (scene.world.hasTool()) device.pose = scene.world.tool().state.handle.pose;
   device.twist.head<3>() = scene.hand;
   for (int n = 0; n < scene.steps; ++n) {
     device.pose.position += kStep * scene.hand;
@@ -58,8 +58,8 @@ Outcome run(Scene scene, int threads) {
     out.most_contacts = std::max(out.most_contacts, report.contacts);
   }
   for (int i = 0; i < scene.world.bodies(); ++i) {
-    out.positions.push_back(scene.world.body(i).positions());
-    out.velocities.push_back(scene.world.body(i).velocities());
+    out.positions.push_back(scene.world.body(i).state.positions);
+    out.velocities.push_back(scene.world.body(i).state.velocities);
   }
   return out;
 }

@@ -3,27 +3,12 @@
 #include <array>
 #include <vector>
 
+#include "palpate/fem/material.h"
 #include "palpate/linear/symmetric_block_matrix.h"
 #include "palpate/math/types.h"
 #include "palpate/mesh/types.h"
 
 namespace palpate {
-
-/// Isotropic material with Rayleigh damping D = alpha M + beta K.
-struct Material {
-  double youngs_modulus = 2e4;  ///< [Pa]
-  double poisson_ratio = 0.4;
-  double density = 1000.0;      ///< [kg/m^3]
-  double damping_alpha = 0.0;   ///< [1/s]; drag against the world, left out of the coupling wrench
-  double damping_beta = 0.002;  ///< [s]
-};
-
-/// What may differ from tetrahedron to tetrahedron. Damping may not: D is proportional to M and K of the whole body.
-struct ElementMaterial {
-  double youngs_modulus = 2e4;  ///< [Pa]
-  double poisson_ratio = 0.4;
-  double density = 1000.0;  ///< [kg/m^3]
-};
 
 /// Centroids of the tetrahedra [m], which decide to what part of a body each belongs.
 std::vector<Vec3> elementCentroids(const TetrahedralMesh& mesh);

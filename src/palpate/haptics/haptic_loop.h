@@ -9,8 +9,8 @@ namespace palpate {
 
 /// Where the force comes from.
 enum class Rendering {
-  linearized,       ///< proxy pulled by the handle model: `hsl` and `hsl-exact`, which differ in the model only
-  visual_coupling,  ///< `vc`: device coupled to the newest visual handle, no proxy
+  linearized,        ///< proxy pulled by the handle model: `hsl` and `hsl-exact`, which differ in the model only
+  virtual_coupling,  ///< `vc`: device coupled to the newest visual handle, no proxy
 };
 
 /// Tool whose weight the device does not show. It is taken as rigid: a constant force at a point fixed in the handle.
@@ -33,7 +33,7 @@ struct HapticSettings {
 struct TickRecord {
   double time = 0.0;   ///< [s], as passed to tick()
   DeviceState device;  ///< sample that was used
-  Pose proxy;          ///< with visual coupling the visual handle
+  Pose proxy;          ///< with virtual coupling the visual handle
   Vec6 proxy_twist = Vec6::Zero();
   Vec6 raw = Vec6::Zero();        ///< wrench of the link on the device, before compensation and safety [N; N m]
   Vec6 sent = Vec6::Zero();       ///< wrench that goes to the device [N; N m]

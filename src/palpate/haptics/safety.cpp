@@ -14,8 +14,7 @@ void requireNotNegative(double value, const char* key) {
 
 }  // namespace
 
-SafetySettings safetyForDevice(const DeviceLimits& limits) {
-  SafetySettings settings;
+SafetySettings safetyForDevice(SafetySettings settings, const DeviceLimits& limits) {
   settings.peak_force = limits.peak_force;
   settings.peak_torque = limits.peak_torque;
   return settings;
@@ -26,8 +25,8 @@ double modelAgeLimit(double visual_step, int latency) { return (latency + 5) * v
 SafetyChain::SafetyChain(const SafetySettings& settings) : settings_(settings) {
   requireNotNegative(settings.peak_force, "peak_force");
   requireNotNegative(settings.peak_torque, "peak_torque");
-  requireNotNegative(settings.force_slew, "force_slew");
-  requireNotNegative(settings.torque_slew, "torque_slew");
+  requireNotNegative(settings.max_slew, "max_slew");
+  requireNotNegative(settings.max_torque_slew, "max_torque_slew");
   requireNotNegative(settings.start_ramp, "start_ramp");
   requireNotNegative(settings.model_age_limit, "model_age_limit");
   requireNotNegative(settings.model_decay, "model_decay");
@@ -82,8 +81,8 @@ Vec6 SafetyChain::clamp(const Vec6& wrench, TickFlags& flags) const noexcept {
 
 Vec6 SafetyChain::limitSlew(const Vec6& wrench, double dt, TickFlags& flags) const noexcept {
   Vec6 change = wrench - state_.previous;
-  const bool force = cutNorm(change.head<3>(), settings_.force_slew * dt);
-  const bool torque = cutNorm(change.tail<3>(), settings_.torque_slew * dt);
+  const bool force = cutNorm(change.head<3>(), settings_.max_slew * dt);
+  const bool torque = cutNorm(change.tail<3>(), settings_.max_torque_slew * dt);
   if (!force && !torque) return wrench;
   flags.set(TickFlag::slew_limited);
   return state_.previous + change;

@@ -10,16 +10,16 @@ namespace palpate {
 struct SafetySettings {
   double peak_force = 3.3;        ///< norm of the force is cut to this, direction kept [N]
   double peak_torque = 0.1;       ///< [N m]; 0: no torque at all
-  double force_slew = 3000.0;     ///< largest change of the force [N/s]; a wall of 1 kN/m struck at 1 m/s needs a third
-  double torque_slew = 90.0;      ///< [N m/s]
+  double max_slew = 3000.0;       ///< largest change of the force [N/s]; a wall of 1 kN/m struck at 1 m/s needs a third
+  double max_torque_slew = 90.0;  ///< [N m/s]
   double start_ramp = 0.0;        ///< force fades in during this time after the start [s]; 0 for simulated devices
   double model_age_limit = 0.25;  ///< watchdog: wrench fades out while the model is older [s]; see modelAgeLimit()
   double model_decay = 0.1;       ///< time of that fading, and of fading in again [s]
   PassivitySettings passivity;
 };
 
-/// Limits of a device, the rest by default.
-SafetySettings safetyForDevice(const DeviceLimits& limits);
+/// The settings with the peaks of a device.
+SafetySettings safetyForDevice(SafetySettings settings, const DeviceLimits& limits);
 
 /// Age [s] at which a model is stale: four visual steps more than what `latency` explains.
 double modelAgeLimit(double visual_step, int latency);

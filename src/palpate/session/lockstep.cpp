@@ -51,7 +51,8 @@ void LockstepRun::tickAt(double t, const DeviceState& device) {
 }
 
 LockstepState LockstepRun::state() const {
-  return {tick_, scene_.world.state(), loop_.state(), filter_.state(), scene_.device->save(), newest_, last_, arrivals_};
+  return {tick_,    scene_.world.state(), loop_.state(), filter_.state(), scene_.device->save(), newest_, last_,
+          arrivals_};
 }
 
 void LockstepRun::restore(const LockstepState& state) {

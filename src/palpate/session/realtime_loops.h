@@ -17,6 +17,25 @@
 #include "palpate/session/run_timing.h"
 #include "palpate/visual/substep_budget.h"
 
+// What runs and what crosses. A LatestValue never makes either side wait: the writer overwrites, the reader takes the
+// newest. A RecordQueue keeps order; when it is full the row is dropped and counted.
+//
+//   +--------------------------------+   DeviceState: LatestValue samples_   +---------------------------------+
+//   | haptic thread, 1 kHz,          | ------------------------------------> | visual thread, about 30 Hz      |
+//   | real-time priority if granted  |                                       | + the owner's Executor's workers|
+//   | owns: HapticLoop, Device       | <------------------------------------ | owns: World, DeviceFilter,      |
+//   |                                |    HandleModel: LatestValue models_   | SubstepBudget                   |
+//   +---------------+----------------+                                       +----------------+----------------+
+//                   |  TickRecord: RecordQueue ticks_                                         |
+//                   |  PeriodicReport: LatestValue reports_                                   |
+//                   |  refused priority: grant_, published by asked_    VisualRecord: RecordQueue visuals_
+//                   |                                       exception of a step: failure_, read after joining
+//                   v                                                                         v
+//   +---------------------------------------------------------------------------------------------------------+
+//   | owner's thread: start(), stop(), pop(), report(); while both threads are joined also stepOnce(), change()|
+//   +---------------------------------------------------------------------------------------------------------+
+//                   |  stop_ (atomic), to both;  haptic_done_, visual_done_ (atomic), back
+
 namespace palpate {
 
 /// The two loops of a run in real time, each on a thread of its own, which can be stopped and started again: the run
