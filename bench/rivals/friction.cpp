@@ -32,16 +32,11 @@ struct Outcome {
   double residual = 0;  // relative to the largest velocity
 };
 
-/// A problem in Siconos. Impulses are scaled by the mean of W's diagonal, so that they are as large as velocities,
-/// which its methods take for granted.
+/// A problem in Siconos, in the same units.
 class Siconos {
  public:
   Siconos(const OwnedProblem& p, int solver, int limit)
-      : problem_(p),
-        scaling_(p.delassus.diagonal().mean()),
-        matrix_(p.delassus / scaling_),
-        q_(p.free),
-        mu_(p.friction) {
+      : problem_(p), matrix_(p.delassus), q_(p.free), mu_(p.friction) {
     for (Eigen::Index i = 0; i < p.bias.size(); ++i) q_[3 * i] -= p.bias[i];
     const int rows = static_cast<int>(q_.size());
     wrapped_ = NM_create_from_data(NM_DENSE, rows, rows, matrix_.data());
@@ -64,13 +59,11 @@ class Siconos {
     fc3d_driver(&siconos_, reaction_.data(), velocity_.data(), options_);
   }
   Outcome outcome() const {
-    return {options_->iparam[SICONOS_IPARAM_ITER_DONE],
-            contactResidual(problem_.view(), reaction_ / scaling_) / scale(problem_)};
+    return {options_->iparam[SICONOS_IPARAM_ITER_DONE], contactResidual(problem_.view(), reaction_) / scale(problem_)};
   }
 
  private:
   const OwnedProblem& problem_;
-  double scaling_;
   MatX matrix_;
   VecX q_, mu_, reaction_, velocity_;
   NumericsMatrix* wrapped_ = nullptr;
@@ -86,28 +79,29 @@ std::string cell(double time, double base, const Outcome& o) {
 }
 
 void compare(const char* name, const OwnedProblem& p) {
-  const int contacts = p.contacts(), rounds = contacts < 500 ? 5 : 1;
-  Siconos sweeps(p, SICONOS_FRICTION_3D_NSGS, contacts < 500 ? 5000 : 1000);
-  Siconos newton(p, SICONOS_FRICTION_3D_NSN_AC, contacts < 500 ? 200 : 50);
+  const int contacts = p.contacts();
+  const bool many = contacts >= 500;
+  Siconos sweeps(p, SICONOS_FRICTION_3D_NSGS, many ? 1000 : 5000);
+  Siconos newton(p, SICONOS_FRICTION_3D_NSN_AC, many ? 30 : 200);
+  Siconos proximal(p, SICONOS_FRICTION_3D_PROX, many ? 30 : 200);
   ContactSolver solver;
   ContactSolverSettings settings;
   settings.tolerance = kTolerance;
   VecX lambda;
   std::vector<ContactStatus> status;
   Outcome own;
-  const std::vector<double> t = alternate({{{},
-                                            [&] {
-                                              lambda.setZero(p.free.size());
-                                              status.clear();
-                                              own.iterations =
-                                                  solver.solve(p.view(), settings, lambda, status).iterations;
-                                            }},
-                                           {{}, [&] { sweeps.solve(); }},
-                                           {{}, [&] { newton.solve(); }}},
-                                          rounds);
+  const auto solve = [&] {
+    lambda.setZero(p.free.size());
+    status.clear();
+    own.iterations = solver.solve(p.view(), settings, lambda, status).iterations;
+  };
+  const std::vector<double> t = alternate(
+      {{{}, solve}, {{}, [&] { sweeps.solve(); }}, {{}, [&] { newton.solve(); }}, {{}, [&] { proximal.solve(); }}},
+      many ? 1 : 5);
   own.residual = contactResidual(p.view(), lambda) / scale(p);
-  std::printf("| %s, %d | %s | %s | %s |\n", name, contacts, cell(t[0], 0, own).c_str(),
-              cell(t[1], t[0], sweeps.outcome()).c_str(), cell(t[2], t[0], newton.outcome()).c_str());
+  std::printf("| %s, %d | %s | %s | %s | %s |\n", name, contacts, cell(t[0], 0, own).c_str(),
+              cell(t[1], t[0], sweeps.outcome()).c_str(), cell(t[2], t[0], newton.outcome()).c_str(),
+              cell(t[3], t[0], proximal.outcome()).c_str());
   std::fflush(stdout);
 }
 
@@ -141,8 +135,9 @@ int main(int argc, char** argv) {
   numerics_set_verbose(0);
   std::printf("Milliseconds (times ours), iterations, residual.\n\n");
   std::printf(
-      "| Problem, contacts | ours | it. | res. | NSGS | it. | res. | Newton | it. | res. |\n"
-      "|---|---|---|---|---|---|---|---|---|---|\n");
+      "| Problem, contacts | ours | it. | res. | NSGS | it. | res. | Newton | it. | res. | "
+      "proximal | it. | res. |\n"
+      "|---|---|---|---|---|---|---|---|---|---|---|---|---|\n");
   for (const int contacts : {10, 50, 100, 500}) {
     if (contacts > most) break;
     compare("separate", bar(contacts, true));
