@@ -15,9 +15,14 @@ using Swept = fcl::AABB<double>;
 using Placed = fcl::OBBRSS<double>;
 using Vectors = std::vector<fcl::Vector3d>;
 
+/// FCL's continuous tests take volumes below 1e-7 for nothing, whatever the unit: in meters they never find triangles
+/// of half a millimeter. In millimeters they do.
+constexpr double kUnit = 1e3;
+
 void convert(const Points& points, Vectors& out) {
   out.resize(points.size());
-  for (std::size_t i = 0; i < points.size(); ++i) out[i] = {points[i][0], points[i][1], points[i][2]};
+  for (std::size_t i = 0; i < points.size(); ++i)
+    out[i] = {kUnit * points[i][0], kUnit * points[i][1], kUnit * points[i][2]};
 }
 
 template <class Box>
@@ -102,13 +107,14 @@ void FclPair::place(const Points& left, const Points& right) {
 double FclPair::nearest() {
   const auto here = fcl::Transform3d::Identity();
   fcl::DistanceResultd result;
-  return fcl::distance(models_->left.get(), here, models_->right.get(), here, fcl::DistanceRequestd(true), result);
+  return fcl::distance(models_->left.get(), here, models_->right.get(), here, fcl::DistanceRequestd(true), result) /
+         kUnit;
 }
 
 double FclPair::firstTime(const std::array<double, 3>& motion) {
   const fcl::Transform3d here = fcl::Transform3d::Identity();
   fcl::Transform3d there = here;
-  there.translation() = fcl::Vector3d(motion[0], motion[1], motion[2]);
+  there.translation() = kUnit * fcl::Vector3d(motion[0], motion[1], motion[2]);
   fcl::ContinuousCollisionRequestd request(1000, 1e-6, fcl::CCDM_LINEAR, fcl::GST_LIBCCD,
                                            fcl::CCDC_CONSERVATIVE_ADVANCEMENT);
   fcl::ContinuousCollisionResultd result;
@@ -117,7 +123,7 @@ double FclPair::firstTime(const std::array<double, 3>& motion) {
 }
 
 FclPair::Found FclPair::within(double reach) {
-  WithinReach node(models_->swept_left, models_->swept_right, reach);
+  WithinReach node(models_->swept_left, models_->swept_right, kUnit * reach);
   node.found.swap(models_->found);  // keeps its room
   node.found.clear();
   fcl::detail::distanceRecurse(&node, 0, 0, nullptr);
