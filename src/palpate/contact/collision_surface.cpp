@@ -61,7 +61,7 @@ int medianSplit(const Points& points, std::vector<int>& indices, int first, int 
   return middle;
 }
 
-struct Bounds {
+struct PackedBounds {
   Vec3 low = Vec3::Constant(std::numeric_limits<double>::infinity());
   Vec3 high = Vec3::Constant(-std::numeric_limits<double>::infinity());
   void add(const Vec3& p) {
@@ -81,7 +81,7 @@ CollisionSurface::CollisionSurface(const Surface& surface, std::span<const int> 
   buildClusterVertices();
   std::vector<Vec3> centers;
   for (int c = 0; c < clusters(); ++c) {
-    Bounds bounds;
+    PackedBounds bounds;
     for (const int v : verticesOfCluster(c)) bounds.add(rest_[static_cast<size_t>(v)]);
     centers.push_back(0.5 * (bounds.low + bounds.high));
   }
@@ -263,7 +263,7 @@ MovingBox CollisionSurface::boxOf(const Indices& vertices) const {
 }
 
 void CollisionSurface::refit() {
-  Bounds moves, places;
+  PackedBounds moves, places;
   rounded_start_.resize(start.size());
   rounded_end_.resize(end.size());
   const auto rounded = [](const Vec3& p) {
