@@ -11,6 +11,7 @@
 #include "page.h"
 #include "palpate/common/error.h"
 #include "palpate/interactive/interactive_run.h"
+#include "palpate/protocol/server_messages.h"
 #include "scene_options.h"
 #include "serve.h"
 

@@ -43,16 +43,16 @@ struct HandleOptions {
 inline const HandleOptions kPlainHandle{"handle", 0.02, Vec3::Zero(), Quat::Identity(), Vec6::Zero()};
 
 inline void holdNodes(BodyModel& body, const std::vector<int>& nodes, const HandleOptions& options = {}) {
-  Handle handle = handleOnNodes(options.name, nodes, body.state.positions, body.model.elasticity().mass(), options.mass,
+  Handle handle = handleOnNodes(options.name, nodes, body.mesh().mesh.nodes, body.elasticity().mass(), options.mass,
                                 options.inertia, options.rotation);
-  handle.twist = options.twist;
+  handle.start.twist = options.twist;
   body.hold(handle);
 }
 /// @param region  of the rest positions
 template <class Region>
 requires std::predicate<Region, Vec3>
 void holdNodes(BodyModel& body, const Region& region, const HandleOptions& options = {}) {
-  holdNodes(body, nodesWhere(body.model.mesh().mesh.nodes, region), options);
+  holdNodes(body, nodesWhere(body.mesh().mesh.nodes, region), options);
 }
 
 inline bool onTop(const Vec3& p) { return p.z() > kBarSize.z() - 1e-9; }
@@ -115,9 +115,9 @@ inline double deepestVertex(const World& world, int index) {
 
 /// Elastic energy with the rotations of the present positions; a step leaves those of its start.
 inline double elasticEnergy(const Body& body) {
-  ElasticMesh fem = body.model.elasticity();
-  fem.updateRotations(body.state.positions);
-  return fem.energy(body.state.positions);
+  ElasticState turned = body.state.elastic;
+  body.model.elasticity().updateRotations(body.state.positions, turned);
+  return body.model.elasticity().energy(body.state.positions, turned);
 }
 
 inline double mechanicalEnergy(const World& world, int index) {

@@ -255,18 +255,10 @@ double pressedStiffness(Base base, bool reduce, DelassusModel delassus = Delassu
   Pose pose = world.tool().state.handle.pose;
   for (int i = 0; i < 80; ++i) {
     if (i < 20) pose.position.z() -= 5e-5;
-    world.tool().setHandleState(pose, Vec6::Zero());
+    world.setHandle(world.toolIndex(), {pose, Vec6::Zero()});
     EXPECT_NE(world.step({pose, Vec6::Zero()}, kStep).status, StepStatus::restored);
   }
   EXPECT_NE(world.evaluate({pose, Vec6::Zero()}, kLong).status, StepStatus::restored);
-  if (getenv("EXP"))
-    for (std::size_t i = 0; i < world.contacts().contacts.size(); ++i) {
-      const Contact& c = world.contacts().contacts[i];
-      const ContactPoint& p = c.first.body == 0 ? c.first : c.second;
-      const Vec3 x = p.at(world.tool().system.startPositions());
-      printf("  %g %g %g state %d W %g\n", 1e3 * x.x(), 1e3 * x.y(), 1e3 * x.z(), (int)world.contacts().status[i].state,
-             world.contacts().rows[0].delassus(3 * i, 3 * i));
-    }
   return -linearize(world, {delassus, Derivative::frozen}, 0).kx(2, 2);
 }
 
@@ -287,23 +279,16 @@ TEST(GivingWay, StiffnessIsThatOfSpringsInSeries) {
   }
 }
 
-// `hsl` leaves other bodies out, as the paper does: the block gives no way, and does not float away either.
+// `hsl` leaves other bodies out, as the paper does: the block gives no way, and does not float away either. Giving way it
+// would take a third off, as of springs in series; what is left, less than half of that, is which contacts are chosen.
 TEST(GivingWay, DiagonalModelFeelsTheToolAlone) {
   const double rigid = pressedStiffness(Base::rigid, true, DelassusModel::diagonal);
   const double soft_block = pressedStiffness(Base::soft, true, DelassusModel::diagonal);
-  const double tool = 2e4 * 0.04 * 0.04 / 0.04;
-  RecordProperty("rigid", std::to_string(rigid / tool));
-  RecordProperty("soft", std::to_string(soft_block / tool));
-  EXPECT_NEAR(soft_block, rigid, 0.2 * rigid);
+  const double tool = 2e4 * 0.04 * 0.04 / 0.04, block = 3e4 * 0.04 * 0.04 / 0.03;
+  const double given_way = tool / (tool + block);
+  EXPECT_NEAR(soft_block, rigid, 0.5 * given_way * rigid);
   EXPECT_GT(rigid, 0.5 * tool);
 }
 
-TEST(Experiment, Diagonal) {
-  for (const bool reduce : {true, false})
-    for (const Base base : {Base::rigid, Base::soft}) {
-      printf("reduce %d base %d diag %.9g exact %.9g tool %g\n", reduce, base == Base::soft,
-             pressedStiffness(base, reduce, DelassusModel::diagonal), pressedStiffness(base, reduce), 2e4 * 0.04);
-    }
-}
 }  // namespace
 }  // namespace palpate

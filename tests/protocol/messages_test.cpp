@@ -155,10 +155,10 @@ TEST(ViewerMessages, StressOfUniaxialStrain) {
   const double strain = 1e-3, ratio = 0.4;
   for (int n = 0; n < tool.model.nodes(); ++n) {
     const Vec3& rest = tool.model.mesh().mesh.nodes[n];
-    state.x.segment<3>(3 * n) = rest.cwiseProduct(Vec3(1 + strain, 1 - ratio * strain, 1 - ratio * strain));
+    state.positions.segment<3>(3 * n) = rest.cwiseProduct(Vec3(1 + strain, 1 - ratio * strain, 1 - ratio * strain));
   }
-  std::fill(state.rotations.begin(), state.rotations.end(), Mat3::Identity());
-  tool.restore(state);
+  std::fill(state.elastic.rotations.begin(), state.elastic.rotations.end(), Mat3::Identity());
+  scene.world.setBody(scene.world.toolIndex(), state);
   const StateReader reader(scene.world);
   SceneState out;
   reader.read(scene.world, 0.02, true, out);

@@ -32,8 +32,8 @@ TEST(Region, TheLastPartWins) {
   BodyConfig body;
   body.name = "slab";
   body.shape = BoxShapeConfig{{1, 1, 1}};
-  body.material.parts = {{HalfspaceRegionConfig{{0, 0, 0.5}, {0, 0, 1}}, 1e4, 0.4, 1000},
-                         {SphereRegionConfig{{0, 0, 0.6}, 0.2}, 1e5, 0.4, 1000}};
+  body.material.parts = {{{1e4, 0.4, 1000}, HalfspaceRegionConfig{{0, 0, 0.5}, {0, 0, 1}}},
+                         {{1e5, 0.4, 1000}, SphereRegionConfig{{0, 0, 0.6}, 0.2}}};
   const std::vector<Vec3> points{{0, 0, 0.1}, {0, 0, 0.45}, {0, 0, 0.7}, {0, 0, 0.9}};
   EXPECT_EQ(materialPartsOf(body, points), (std::vector<int>{-1, 1, 1, 0}));
   std::swap(body.material.parts[0], body.material.parts[1]);

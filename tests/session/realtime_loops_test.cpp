@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "palpate/scene/reader.h"
+#include "palpate/session/lockstep.h"
 
 namespace palpate {
 namespace {
@@ -64,7 +65,7 @@ TEST(RealtimeLoops, GoOnWhereTheyStood) {
   EXPECT_EQ(ticks.size(), outcome.ticks);
   EXPECT_EQ(outcome.ticks + outcome.missed,
             static_cast<std::uint64_t>(std::llround(loops.time() / config.haptic_step)));
-  const double slew = scene.haptic.safety.force_slew * config.haptic_step;
+  const double slew = scene.haptic.safety.max_slew * config.haptic_step;
   for (std::size_t k = 1; k < ticks.size(); ++k) {
     ASSERT_GT(ticks[k].time, ticks[k - 1].time);
     ASSERT_LE((ticks[k].sent - ticks[k - 1].sent).head<3>().norm(), slew * (1 + 1e-9)) << "at " << ticks[k].time;

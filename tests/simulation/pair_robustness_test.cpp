@@ -192,7 +192,7 @@ TEST(DeepState, SetFromOutsideComesApartToo) {
   world.add(box(Kind::soft, "upper", Vec3(0.03, 0.03, 0.03), {Vec3(0.003, 0.002, 0.06), expRotation({0, 0, 0.3})}));
   ASSERT_EQ(world.step({}, 0.005).status, StepStatus::ok);
   BodyState state = world.body(1).state;
-  for (Eigen::Index i = 2; i < state.x.size(); i += 3) state.x[i] -= 0.02;
+  for (Eigen::Index i = 2; i < state.positions.size(); i += 3) state.positions[i] -= 0.02;
   world.setBody(1, state);
   ASSERT_TRUE(overlap(world.body(0), world.body(1)));
   expectComesApartGently(world, 0.02);

@@ -46,10 +46,10 @@ TEST(Step, EveryNodeObeysTheStepsEquation) {
   constexpr double h = 0.01;
   for (int n = 0; n < 15; ++n) {
     ASSERT_EQ(world.step({}, h).status, StepStatus::ok);
-    const ElasticMesh& fem = body.model.elasticity();  // still has the rotations of the start
-    VecX f, shifted;
-    fem.forces(body.system.startPositions(), f);
-    fem.forces(body.system.startPositions() + body.state.velocities, shifted);
+    const ElasticMesh& fem = body.model.elasticity();
+    VecX f, shifted;  // with the state's element rotations, which are still those of the start
+    fem.forces(body.system.startPositions(), body.state.elastic, f);
+    fem.forces(body.system.startPositions() + body.state.velocities, body.state.elastic, shifted);
     const VecX kv = f - shifted;
     VecX residual(f.size());
     for (int i = 0; i < body.model.nodes(); ++i) {
@@ -96,8 +96,8 @@ TEST(Step, InvertedElementsRecover) {
   world.add(bar({2, 2, 2}, material));
   const Body body = world.body(0);
   BodyState state = body.state;
-  for (Eigen::Index i = 0; i < state.x.size(); ++i) state.x[i] += 0.03 * std::sin(12.9898 * static_cast<double>(i + 1));
-  body.restore(state);
+  for (Eigen::Index i = 0; i < state.positions.size(); ++i) state.positions[i] += 0.03 * std::sin(12.9898 * static_cast<double>(i + 1));
+  world.setBody(0, state);
   int inverted = 0;
   for (const ElasticElement& e : body.model.elasticity().elements()) {
     if (e.deformationGradient(body.state.positions).determinant() < 0) ++inverted;
