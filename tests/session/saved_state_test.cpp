@@ -141,8 +141,8 @@ TEST_P(SavedState, GoesOnToTheBitInAWorldBuiltAnew) {
   EXPECT_TRUE(toBytes(second.state().world) == end);
 }
 
-INSTANTIATE_TEST_SUITE_P(Scenes, SavedState, ::testing::ValuesIn(shippedScenes()), [](const auto& info) {
-  std::string name = info.param;
+INSTANTIATE_TEST_SUITE_P(Scenes, SavedState, ::testing::ValuesIn(shippedScenes()), [](const auto& scene) {
+  std::string name = scene.param;
   std::replace(name.begin(), name.end(), '-', '_');
   return name;
 });

@@ -385,7 +385,7 @@ TEST(Experiment, Pile) {
         for (const auto& order : orders) worlds.push_back(pile(order));
         for (std::size_t w = 0; w < worlds.size(); ++w) {
           worlds[w].contact.solver.acceptable = 0;
-          worlds[w].contact.reduce = red;
+          worlds[w].contact.reduction = red;
           worlds[w].obstacles = {ground(mu)};
           for (int i = 0; i < 4; ++i) {
             worlds[w].setFriction(i, FrictionTable::obstacle(0), mu);
