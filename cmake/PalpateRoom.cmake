@@ -4,9 +4,9 @@ target_include_directories(palpate_options INTERFACE ${CMAKE_SOURCE_DIR}/src)
 # shared/: scenes and problems of tests and benchmarks
 include_directories(${CMAKE_SOURCE_DIR})
 target_compile_options(palpate_options INTERFACE -Wall -Wextra -Wshadow -Wconversion -Wno-sign-conversion -Wpedantic
-                                                 -fno-math-errno
-                                                 # what is rounded follows from the source, not from what is inlined where
-                                                 -ffp-contract=off)
+                                                 -fno-math-errno)
+# what is rounded follows from the source, not from what is inlined where; a room may say otherwise
+add_compile_options(-ffp-contract=off)
 if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
   # GCC 12 gives false alarms inside its own AVX-512 headers, Eigen and std::string (GCC bugs 105593, 105651)
   target_compile_options(palpate_options INTERFACE -Wno-maybe-uninitialized -Wno-uninitialized -Wno-restrict
