@@ -7,11 +7,11 @@
 namespace palpate {
 namespace {
 
-const char* const bunny_path = "/usr/share/glmark2/models/bunny.obj";
+const char* const kBunnyPath = "/usr/share/glmark2/models/bunny.obj";
 
 const Surface& bunny() {
   // readSurface says which file is missing: it comes from the package glmark2-data.
-  static const Surface s = readSurface(bunny_path);
+  static const Surface s = readSurface(kBunnyPath);
   return s;
 }
 

@@ -33,7 +33,7 @@ std::string complaint(std::string_view data, SurfaceFormat format) {
   return "accepted";
 }
 
-const std::string cube_off =
+const std::string kCubeOff =
     "OFF\n# a cube of quads\n8 6 12\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n0 0 1\n1 0 1\n1 1 1\n0 1 1\n"
     "4 0 3 2 1\n4 4 5 6 7 255 0 0\n4 0 1 5 4\n4 1 2 6 5\n4 2 3 7 6\n4 3 0 4 7\n";
 
@@ -54,7 +54,7 @@ TEST(SurfaceIo, EveryFormatGivesBackWhatWasWritten) {
 }
 
 TEST(SurfaceIo, ReadsPolygonsOfEveryFormat) {
-  const Surface off = readSurfaceFromMemory(cube_off, SurfaceFormat::off);
+  const Surface off = readSurfaceFromMemory(kCubeOff, SurfaceFormat::off);
   EXPECT_EQ(off.triangles.size(), 12u);
   EXPECT_NEAR(measureSurface(off).volume, 1, 1e-12);
 
@@ -112,7 +112,7 @@ TEST(SurfaceIo, RefusesBadFilesInOneLine) {
   EXPECT_NE(complaint("v 0 0 0\nf 1 1\n", obj).find("fewer than three"), std::string::npos);
   EXPECT_NE(complaint("v 0 0 0\nf 1 2 99999999999999999999\n", obj).find("whole number"), std::string::npos);
   EXPECT_NE(complaint("OFF\n2000000000 2000000000 0\n", off).find("ends where"), std::string::npos);
-  EXPECT_NE(complaint(cube_off.substr(0, cube_off.size() - 12), off).find("ends"), std::string::npos);
+  EXPECT_NE(complaint(kCubeOff.substr(0, kCubeOff.size() - 12), off).find("ends"), std::string::npos);
   EXPECT_NE(complaint("solid x\nfacet\nvertex 0 0 0\n", stl).find("truncated"), std::string::npos);
   EXPECT_NE(complaint("solid x\nhello\n", stl).find("neither"), std::string::npos);
   std::string binary(84, '\0');
@@ -127,7 +127,7 @@ TEST(SurfaceIo, RefusesBadFilesInOneLine) {
 TEST(SurfaceIo, StatesItsLimit) {
   // One polygon with more corners than triangles are allowed.
   std::string data = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2";
-  for (int i = 0; i < largest_surface + 2; ++i) data += " 3";
+  for (int i = 0; i < kLargestSurface + 2; ++i) data += " 3";
   EXPECT_NE(complaint(data, SurfaceFormat::obj).find("more than 2000000 triangles"), std::string::npos);
 }
 

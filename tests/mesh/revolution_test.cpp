@@ -15,10 +15,10 @@
 namespace palpate {
 namespace {
 
-constexpr double pi = std::numbers::pi;
+constexpr double kPi = std::numbers::pi;
 
 /// Area of a regular polygon of n corners over that of its circle.
-double polygonShare(int n) { return std::sin(2 * pi / n) / (2 * pi / n); }
+double polygonShare(int n) { return std::sin(2 * kPi / n) / (2 * kPi / n); }
 
 /// Volume of the exact solid by Pappus: 2 pi times the first moment of the polygon about the axis.
 double pappusVolume(const RevolutionProfile& p) {
@@ -28,7 +28,7 @@ double pappusVolume(const RevolutionProfile& p) {
     const auto& [r1, z1] = p[(i + 1) % p.size()];
     moment += (z1 - z0) * (r0 * r0 + r0 * r1 + r1 * r1) / 6;
   }
-  return 2 * pi * std::abs(moment);
+  return 2 * kPi * std::abs(moment);
 }
 
 void expectSolid(const Surface& surface, int euler, int components = 1) {
@@ -43,22 +43,22 @@ void expectSolid(const Surface& surface, int euler, int components = 1) {
   EXPECT_GT(measureSurface(surface).volume, 0);
 }
 
-const RevolutionProfile cylinder{{0, 0}, {0.02, 0}, {0.02, 0.05}, {0, 0.05}};
+const RevolutionProfile kCylinder{{0, 0}, {0.02, 0}, {0.02, 0.05}, {0, 0.05}};
 // a block with a chamfered blind hole
-const RevolutionProfile socket{{0, 0},         {0.03, 0},     {0.03, 0.04}, {0.017, 0.04},
-                               {0.014, 0.036}, {0.014, 0.01}, {0, 0.01}};
-const RevolutionProfile ring{{0.014, 0}, {0.03, 0}, {0.03, 0.04}, {0.017, 0.04}, {0.014, 0.036}};
-const RevolutionProfile hollow{{0, 0},    {0.02, 0},     {0.02, 0.04},  {0, 0.04},
-                               {0, 0.03}, {0.012, 0.03}, {0.012, 0.01}, {0, 0.01}};
+const RevolutionProfile kSocket{{0, 0},         {0.03, 0},     {0.03, 0.04}, {0.017, 0.04},
+                                {0.014, 0.036}, {0.014, 0.01}, {0, 0.01}};
+const RevolutionProfile kRing{{0.014, 0}, {0.03, 0}, {0.03, 0.04}, {0.017, 0.04}, {0.014, 0.036}};
+const RevolutionProfile kHollow{{0, 0},    {0.02, 0},     {0.02, 0.04},  {0, 0.04},
+                                {0, 0.03}, {0.012, 0.03}, {0.012, 0.01}, {0, 0.01}};
 
-const RevolutionProfile long_axis{{0, 0}, {0.02, 0}, {0.02, 0.05}, {0, 0.05}, {0, 0.03}, {0, 0.02}};
+const RevolutionProfile kLongAxis{{0, 0}, {0.02, 0}, {0.02, 0.05}, {0, 0.05}, {0, 0.03}, {0, 0.02}};
 
 TEST(Revolution, SolidsAreClosedAndOrientedWhateverTheDirectionOfTheProfile) {
   struct Case {
     RevolutionProfile profile;
     int euler, components;
   };
-  for (const Case& c : {Case{cylinder, 2, 1}, {socket, 2, 1}, {ring, 0, 1}, {hollow, 4, 2}, {long_axis, 2, 1}}) {
+  for (const Case& c : {Case{kCylinder, 2, 1}, {kSocket, 2, 1}, {kRing, 0, 1}, {kHollow, 4, 2}, {kLongAxis, 2, 1}}) {
     expectSolid(revolutionSurface(c.profile, 48), c.euler, c.components);
     RevolutionProfile reversed = c.profile;
     std::reverse(reversed.begin(), reversed.end());
@@ -70,9 +70,9 @@ TEST(Revolution, SolidsAreClosedAndOrientedWhateverTheDirectionOfTheProfile) {
 }
 
 TEST(Revolution, CylinderIsAPrismOverAPolygon) {
-  const Surface surface = revolutionSurface(cylinder, 48);
+  const Surface surface = revolutionSurface(kCylinder, 48);
   const SurfaceMeasures m = measureSurface(surface);
-  EXPECT_NEAR(m.volume / (pi * 0.0004 * 0.05), polygonShare(48), 1e-12);
+  EXPECT_NEAR(m.volume / (kPi * 0.0004 * 0.05), polygonShare(48), 1e-12);
   EXPECT_LT((m.center_of_mass - Vec3(0, 0, 0.025)).norm(), 1e-15);
   const Bounds box = boundsOf(surface.vertices);
   EXPECT_DOUBLE_EQ(box.low.z(), 0);
@@ -82,7 +82,7 @@ TEST(Revolution, CylinderIsAPrismOverAPolygon) {
 
 // The error of the polygons falls with the square of the segments.
 TEST(Revolution, VolumeApproachesPappus) {
-  for (const RevolutionProfile& profile : {socket, ring, hollow}) {
+  for (const RevolutionProfile& profile : {kSocket, kRing, kHollow}) {
     double last = 0;
     for (int segments : {32, 64, 128}) {
       const double error =
@@ -97,24 +97,24 @@ TEST(Revolution, VolumeApproachesPappus) {
 }
 
 TEST(Revolution, TheHoleIsOutside) {
-  const WindingNumber solid(revolutionSurface(socket, 48));
+  const WindingNumber solid(revolutionSurface(kSocket, 48));
   EXPECT_FALSE(solid.inside({0, 0, 0.02}));
   EXPECT_FALSE(solid.inside({0.0135, 0, 0.03}));
   EXPECT_TRUE(solid.inside({0.0145, 0, 0.03}));
   EXPECT_FALSE(solid.inside({0.0155, 0, 0.0395}));  // in the chamfer
   EXPECT_TRUE(solid.inside({0, 0, 0.005}));
-  const WindingNumber cavity(revolutionSurface(hollow, 48));
+  const WindingNumber cavity(revolutionSurface(kHollow, 48));
   EXPECT_FALSE(cavity.inside({0, 0, 0.02}));
   EXPECT_TRUE(cavity.inside({0.016, 0, 0.02}));
 }
 
 // Divided to the segments' width up to the axis: no long edges, no slivers.
 TEST(Revolution, TrianglesAreWellShaped) {
-  for (const RevolutionProfile& profile : {cylinder, socket, ring, hollow}) {
+  for (const RevolutionProfile& profile : {kCylinder, kSocket, kRing, kHollow}) {
     for (int segments : {32, 48, 96}) {
       double radius = 0;
       for (const auto& corner : profile) radius = std::max(radius, corner[0]);
-      const double width = 2 * pi * radius / segments;
+      const double width = 2 * kPi * radius / segments;
       const TriangleQuality quality = measureQuality(revolutionSurface(profile, segments));
       EXPECT_GT(quality.smallest_angle_deg, 15) << segments;
       EXPECT_LT(quality.largest_angle_deg, 130) << segments;
@@ -126,7 +126,7 @@ TEST(Revolution, TrianglesAreWellShaped) {
 
 TEST(Revolution, RejectsProfilesThatBoundNoSolid) {
   const auto cause = [](const RevolutionProfile& p) { return profileObjection(p).value_or("accepted"); };
-  EXPECT_EQ(cause(cylinder), "accepted");
+  EXPECT_EQ(cause(kCylinder), "accepted");
   EXPECT_EQ(cause({{0, 0}, {1, 0}}), "a profile needs at least three corners");
   EXPECT_EQ(cause({{0, 0}, {1, 0}, {-0.1, 1}}), "corner 3 lies at a negative radius");
   EXPECT_EQ(cause({{0, 0}, {1, 0}, {std::nan(""), 1}}), "corner 3 is not finite");
@@ -142,8 +142,8 @@ TEST(Revolution, RejectsProfilesThatBoundNoSolid) {
   EXPECT_EQ(cause({{0, 0}, {0, 1}, {0, 2}}), "corner 1 turns back along its side");
   EXPECT_EQ(cause(RevolutionProfile(201, {1, 0})), "has 201 corners; at most 200 are allowed");
   EXPECT_THROW(revolutionSurface({{0, 0}, {1, 0}}), InputError);
-  EXPECT_THROW(revolutionSurface(cylinder, 7), InputError);
-  EXPECT_THROW(revolutionSurface(cylinder, 513), InputError);
+  EXPECT_THROW(revolutionSurface(kCylinder, 7), InputError);
+  EXPECT_THROW(revolutionSurface(kCylinder, 513), InputError);
   EXPECT_THROW(revolutionSurface({{1e-4, 0}, {2e-4, 0}, {2e-4, 10}, {1e-4, 10}}, 512), InputError);
   const double huge = std::numeric_limits<double>::max();
   EXPECT_THROW(revolutionSurface({{1e-4, 0}, {2e-4, 0}, {2e-4, huge}, {1e-4, huge}}, 512), InputError);

@@ -14,7 +14,7 @@
 namespace palpate {
 namespace {
 
-constexpr double pi = std::numbers::pi;
+constexpr double kPi = std::numbers::pi;
 
 TEST(SurfaceMeasures, BoxAwayFromTheOrigin) {
   Surface box = boxSurface(Vec3(0.1, 0.2, 0.3), {2, 3, 1});
@@ -30,12 +30,12 @@ TEST(SurfaceMeasures, BoxAwayFromTheOrigin) {
 TEST(SurfaceMeasures, SphereAndCapsuleApproachTheirFormulas) {
   for (int levels : {4, 5, 6}) {
     const double v = measureSurface(sphereSurface(2, levels)).volume;
-    EXPECT_NEAR(v / (4 * pi / 3 * 8), 1, 12.0 / std::pow(4, levels));
-    EXPECT_LT(v, 4 * pi / 3 * 8);
+    EXPECT_NEAR(v / (4 * kPi / 3 * 8), 1, 12.0 / std::pow(4, levels));
+    EXPECT_LT(v, 4 * kPi / 3 * 8);
   }
   const Surface capsule = capsuleSurface(0.5, 2, 128);
   EXPECT_TRUE(inspectTopology(capsule).closed());
-  EXPECT_NEAR(measureSurface(capsule).volume / (pi * 0.25 * 2 + 4 * pi / 3 * 0.125), 1, 2e-3);
+  EXPECT_NEAR(measureSurface(capsule).volume / (kPi * 0.25 * 2 + 4 * kPi / 3 * 0.125), 1, 2e-3);
 }
 
 TEST(MassProperties, BoxIsExactWhereverItIsAndHoweverItIsTurned) {
@@ -53,8 +53,8 @@ TEST(MassProperties, BoxIsExactWhereverItIsAndHoweverItIsTurned) {
 // A surface inside the round solid falls short of it by the square of its edges.
 TEST(MassProperties, SphereAndCapsuleApproachTheirFormulas) {
   const double density = 500, r = 0.5, length = 2;
-  const double ball = density * 4 * pi / 3 * std::pow(r, 3);
-  const double rod = density * pi * r * r * length;
+  const double ball = density * 4 * kPi / 3 * std::pow(r, 3);
+  const double rod = density * kPi * r * r * length;
   const double around = ball * 0.4 * r * r + rod * 0.5 * r * r;
   // two half balls, whose centers of mass lie 3/8 r beyond the ends of the straight part
   const double half = 0.5 * ball * (0.4 - 9.0 / 64.0) * r * r + 0.5 * ball * std::pow(0.5 * length + 3.0 / 8.0 * r, 2);
@@ -237,7 +237,7 @@ TEST(MeshImplicit, SphereVolumeConvergesAndEmptyIsAnError) {
   const Bounds box{Vec3::Constant(-1.3), Vec3::Constant(1.3)};
   double last = 1;
   for (double cell : {0.2, 0.1, 0.05}) {
-    const double error = std::abs(measureSurface(meshImplicit(ball, box, cell)).volume / (4 * pi / 3) - 1);
+    const double error = std::abs(measureSurface(meshImplicit(ball, box, cell)).volume / (4 * kPi / 3) - 1);
     EXPECT_LT(error, 0.4 * last);
     last = error;
   }

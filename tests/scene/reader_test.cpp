@@ -8,7 +8,7 @@
 namespace palpate {
 namespace {
 
-constexpr double pi = std::numbers::pi;
+constexpr double kPi = std::numbers::pi;
 
 SceneConfig read(const std::string& text) { return readSceneFromString(text, "s.yaml"); }
 
@@ -159,7 +159,7 @@ TEST(SceneReader, ReadsHandles) {
   ASSERT_EQ(grip.hand.keyframes.size(), 2U);
   EXPECT_EQ(grip.hand.keyframes[1].time, 1.5);
   expectClose(grip.hand.keyframes[1].position, {0.01, 0.02, 0.03});
-  expectClose(grip.hand.keyframes[1].rotation, {0, pi, 0});
+  expectClose(grip.hand.keyframes[1].rotation, {0, kPi, 0});
 }
 
 TEST(SceneReader, ReadsBodies) {
@@ -170,7 +170,7 @@ TEST(SceneReader, ReadsBodies) {
   expectClose(std::get<BarShapeConfig>(cushion.shape).size, {0.1, 0.2, 0.3});
   EXPECT_EQ(std::get<BarShapeConfig>(cushion.shape).cells, (std::array<int, 3>{2, 3, 4}));
   expectClose(cushion.velocity, {1, 2, 3});
-  expectClose(cushion.angular_velocity, {pi, 0, 0});
+  expectClose(cushion.angular_velocity, {kPi, 0, 0});
   EXPECT_EQ(cushion.friction, 0.2);
   EXPECT_TRUE(cushion.settled);
   const auto& surface = std::get<SurfaceShapeConfig>(scene.bodies[1].shape);
@@ -310,7 +310,7 @@ TEST_P(SceneReaderRejects, NamesKeyAndCause) {
   EXPECT_EQ(message.find('\n'), std::string::npos) << message;
 }
 
-const BadChange bad_types[] = {
+const BadChange kBadTypes[] = {
     {"duration: 7", "duration: long", "duration (", "\"long\" is not a number"},
     {"duration: 7", "duration: 7s", "duration (", "\"7s\" is not a number"},
     {"duration: 7", "duration:", "duration (", "has no value"},
@@ -337,7 +337,7 @@ const BadChange bad_types[] = {
     {"cells: [2, 3, 4]", "cells: [2, 3, 4.5]", "bodies[0].shape.bar.cells[2] (", "not a whole number"},
 };
 
-const BadChange bad_ranges[] = {
+const BadChange kBadRanges[] = {
     {"duration: 7", "duration: 0", "duration (", "above 0 and at most 3600 s"},
     {"duration: 7", "duration: 4000", "duration (", "above 0 and at most 3600 s"},
     {"visual: {step: 0.02, substeps: 3}", "visual: {step: 0}", "visual.step (", "above 0 and at most 1 s"},
@@ -399,7 +399,7 @@ const BadChange bad_ranges[] = {
     {"model_age_limit: 0.2", "model_age_limit: 0", "safety.model_age_limit (", "above 0"},
 };
 
-const BadChange bad_contact[] = {
+const BadChange kBadContact[] = {
     {"substeps: 3", "substeps: 0", "visual.substeps (", "at least 1 and at most 1000"},
     {"substeps: 3", "substeps: 2.5", "visual.substeps (", "2.5 is not a whole number"},
     {"substeps: 3", "substeps: many", "visual.substeps (", "\"many\" is neither auto nor a number"},
@@ -418,7 +418,7 @@ const BadChange bad_contact[] = {
     {"ground], friction: 0.8", "ground]", "contact.pairs[0] (", "the key \"friction\" is missing"},
 };
 
-const BadChange bad_bodies[] = {
+const BadChange kBadBodies[] = {
     {"youngs_modulus: 5.0e4", "youngs_modulus: 0", "tool.material.parts[0].youngs_modulus (", "above 0"},
     {", youngs_modulus: 5.0e4", "", "tool.material.parts[0] (", "the key \"youngs_modulus\" is missing"},
     {"poisson_ratio: 0.2", "poisson_ratio: 0.5", "tool.material.parts[1].poisson_ratio (", "below 0.5"},
@@ -446,7 +446,7 @@ const BadChange bad_bodies[] = {
     {"{box: {size: [0.1, 0.1, 0.001]}}", "{}", "obstacles[4].mesh.shape (", "has 0 of the keys alien"},
 };
 
-const BadChange bad_references[] = {
+const BadChange kBadReferences[] = {
     {"handle: grip", "handle: gripp", "tool.handle (", "the tool has no handle \"gripp\"; the nearest is \"grip\""},
     {"name: left_hand", "name: tail", "tool.handles.grip.region.landmark.name (", "not one of head"},
     {"shape: {alien: {height: 0.3, resolution: 0.03}}", "shape: {sphere: {radius: 0.1}}",
@@ -476,11 +476,11 @@ const BadChange bad_references[] = {
     {"type: recorded", "type: omni", "device.type (", "not one of simulated, prescribed, recorded"},
 };
 
-INSTANTIATE_TEST_SUITE_P(Types, SceneReaderRejects, testing::ValuesIn(bad_types));
-INSTANTIATE_TEST_SUITE_P(Ranges, SceneReaderRejects, testing::ValuesIn(bad_ranges));
-INSTANTIATE_TEST_SUITE_P(Contact, SceneReaderRejects, testing::ValuesIn(bad_contact));
-INSTANTIATE_TEST_SUITE_P(Bodies, SceneReaderRejects, testing::ValuesIn(bad_bodies));
-INSTANTIATE_TEST_SUITE_P(References, SceneReaderRejects, testing::ValuesIn(bad_references));
+INSTANTIATE_TEST_SUITE_P(Types, SceneReaderRejects, testing::ValuesIn(kBadTypes));
+INSTANTIATE_TEST_SUITE_P(Ranges, SceneReaderRejects, testing::ValuesIn(kBadRanges));
+INSTANTIATE_TEST_SUITE_P(Contact, SceneReaderRejects, testing::ValuesIn(kBadContact));
+INSTANTIATE_TEST_SUITE_P(Bodies, SceneReaderRejects, testing::ValuesIn(kBadBodies));
+INSTANTIATE_TEST_SUITE_P(References, SceneReaderRejects, testing::ValuesIn(kBadReferences));
 
 TEST(SceneReader, RejectsTooManyOfAnything) {
   const auto list = [](const std::string& item, int count) {

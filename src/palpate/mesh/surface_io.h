@@ -11,7 +11,7 @@ namespace palpate {
 enum class SurfaceFormat { obj, stl, ply, off };
 
 /// Most triangles that a surface file may have.
-inline constexpr int largest_surface = 2'000'000;
+inline constexpr int kLargestSurface = 2'000'000;
 
 /// By the file name's ending (.obj, .stl, .ply, .off; any case). Throws InputError for others.
 SurfaceFormat surfaceFormatOf(const std::string& path);
