@@ -1,11 +1,147 @@
+#include "command_mesh.h"
+
 #include <fmt/format.h>
 
+#include <cmath>
 #include <memory>
 
 #include "commands.h"
-#include "mesh_commands.h"
+#include "palpate/common/error.h"
+#include "palpate/mesh/alien.h"
+#include "palpate/mesh/shapes.h"
+#include "palpate/mesh/surface_io.h"
+#include "palpate/mesh/tetrahedral_io.h"
+#include "palpate/mesh/text_scanner.h"
 
 namespace palpate {
+namespace {
+
+/// One line of a report: a name in a column, then what is said of it.
+template <typename... Values>
+void line(std::string& out, const char* name, fmt::format_string<Values...> format, Values&&... values) {
+  out += fmt::format("{:<22}{}\n", name, fmt::format(format, std::forward<Values>(values)...));
+}
+
+void formatRepair(std::string& out, const RepairReport& r) {
+  line(out, "repaired", "{} vertices welded, {} triangles turned, {} duplicate and {} degenerate dropped",
+       r.welded_vertices, r.flipped_triangles, r.duplicate_triangles, r.degenerate_triangles);
+  line(out, "left open", "{} holes ({} boundary edges), {} non-manifold edges", r.topology.holes,
+       r.topology.boundary_edges, r.topology.nonmanifold_edges);
+}
+
+}  // namespace
+
+EmbedSummary runMeshEmbed(const EmbedCommand& command) {
+  if (!command.out.empty() && endingOf(command.out) != ".vtk")
+    throw InputError("--out", "", "the name of a simulation mesh must end in .vtk");
+  if (command.tetrahedra < 1 || command.tetrahedra > 200'000)
+    throw InputError("--tets", "", "must be from 1 to 200000");
+  if (!(command.size >= 0) || !std::isfinite(command.size))
+    throw InputError("--size", "", "must be a finite length, m");
+  RepairReport repair;
+  const Surface solid = loadSolid(command.surface, command.size, &repair);
+  EmbedOptions options;
+  options.target_tetrahedra = command.tetrahedra;
+  options.name = command.surface;
+  EmbedSummary summary;
+  const SimulationMesh mesh = embedSurface(solid, options, &summary.embed);
+  // The repair that matters to the user is that of the file.
+  summary.embed.repair = repair;
+  summary.surface = command.surface;
+  summary.surface_vertices = static_cast<int>(mesh.surface.vertices.size());
+  summary.surface_triangles = static_cast<int>(mesh.surface.triangles.size());
+  if (!command.out.empty()) writeVtk(command.out, mesh);
+  return summary;
+}
+
+std::string formatReport(const EmbedSummary& s) {
+  const EmbedReport& r = s.embed;
+  std::string out;
+  line(out, "surface", "{} triangles, {} vertices", s.surface_triangles, s.surface_vertices);
+  formatRepair(out, r.repair);
+  line(out, "volume", "{:.6g} m^3 (mesh {:.6g} m^3, as sampled {:+.2f} %)", r.surface_volume, r.mesh_volume,
+       100 * (r.sampled_volume / r.surface_volume - 1));
+  line(out, "tetrahedra", "{}, {} nodes, cell {:.4g} m", r.tetrahedra, r.nodes, r.cell_size);
+  line(out, "pieces", "{} (surface {}), {} lattice tetrahedra with several copies", r.components, r.solid_components,
+       r.split_tetrahedra);
+  line(out, "worst element", "radius ratio {:.3f}, smallest dihedral angle {:.1f} degrees, least fill {:.3f}",
+       r.worst_radius_ratio, r.smallest_dihedral_deg, r.smallest_fill);
+  line(out, "vertices outside", "{} of {}, smallest weight {:.3f}", r.vertices_outside, s.surface_vertices,
+       r.smallest_weight);
+  line(out, "time", "{:.2f} s", r.seconds);
+  return out;
+}
+
+InfoSummary runMeshInfo(const std::string& path) {
+  const Surface raw = readSurface(path);
+  const RepairedSurface repaired = repairSurface(raw);
+  InfoSummary s;
+  s.surface = path;
+  s.file_vertices = static_cast<int>(raw.vertices.size());
+  s.file_triangles = static_cast<int>(raw.triangles.size());
+  s.repair = repaired.report;
+  s.measures = measureSurface(capHoles(repaired.surface));
+  s.quality = measureQuality(repaired.surface);
+  s.bounds = boundsOf(repaired.surface.vertices);
+  return s;
+}
+
+std::string formatReport(const InfoSummary& s) {
+  std::string out;
+  line(out, "file", "{} triangles, {} vertices", s.file_triangles, s.file_vertices);
+  formatRepair(out, s.repair);
+  line(out, "closed", "{}, {} pieces, Euler characteristic {}", s.repair.topology.closed() ? "yes" : "no",
+       s.repair.topology.components, s.repair.topology.euler);
+  const Vec3 extent = s.bounds.high - s.bounds.low;
+  line(out, "size", "{:.6g} x {:.6g} x {:.6g}", extent.x(), extent.y(), extent.z());
+  line(out, "volume", "{:.6g} (holes closed), area {:.6g}", s.measures.volume, s.measures.area);
+  const Vec3& c = s.measures.center_of_mass;
+  line(out, "center of mass", "{:.6g} {:.6g} {:.6g}", c.x(), c.y(), c.z());
+  line(out, "triangles", "angles {:.1f} to {:.1f} degrees, edges {:.4g} to {:.4g}", s.quality.smallest_angle_deg,
+       s.quality.largest_angle_deg, s.quality.shortest_edge, s.quality.longest_edge);
+  return out;
+}
+
+namespace {
+
+Surface makeShape(const MakeCommand& c) {
+  const double size = c.size > 0 ? c.size : 0.1;
+  if (c.shape == "alien") return makeAlien(c.size > 0 ? AlienOptions{c.size} : AlienOptions{}).surface;
+  if (c.shape == "box") return boxSurface(Vec3::Constant(size), {8, 8, 8});
+  if (c.shape == "sphere") return sphereSurface(size / 2, 5);
+  if (c.shape == "capsule") return capsuleSurface(size / 8, 0.75 * size, 48);
+  throw InputError("mesh make", "shape", "must be alien, bar, box, sphere or capsule, not '" + c.shape + "'");
+}
+
+}  // namespace
+
+MakeSummary runMeshMake(const MakeCommand& command) {
+  if (!(command.size >= 0)) throw InputError("--size", "", "must be positive");
+  MakeSummary s{command.shape, command.out, 0, 0, 0};
+  Surface surface;
+  if (command.shape == "bar") {
+    const double edge = command.size > 0 ? command.size : 0.08;
+    const SimulationMesh bar = barMesh(edge * Vec3(1, 1, 0.75), command.cells);
+    s.tetrahedra = static_cast<int>(bar.mesh.tetrahedra.size());
+    surface = bar.surface;
+    if (endingOf(command.out) == ".vtk") writeVtk(command.out, bar);
+  } else {
+    surface = makeShape(command);
+  }
+  s.vertices = static_cast<int>(surface.vertices.size());
+  s.triangles = static_cast<int>(surface.triangles.size());
+  if (endingOf(command.out) != ".vtk" || command.shape != "bar") writeSurface(command.out, surface);
+  return s;
+}
+
+std::string formatReport(const MakeSummary& s) {
+  std::string out;
+  line(out, "surface", "{} triangles, {} vertices", s.triangles, s.vertices);
+  if (s.tetrahedra > 0) line(out, "tetrahedra", "{}", s.tetrahedra);
+  line(out, "written", "{}", s.out);
+  return out;
+}
+
 namespace {
 
 void addEmbed(CLI::App& group) {

@@ -7,6 +7,8 @@
 #include "commands.h"
 #include "page.h"
 #include "palpate/common/error.h"
+#include "palpate/protocol/layout.h"
+#include "palpate/protocol/server_messages.h"
 #include "serve.h"
 
 namespace palpate {
@@ -21,9 +23,9 @@ struct ReplayOptions {
 void requireRecording(const std::filesystem::path& file) {
   std::ifstream in(file, std::ios::binary);
   if (!in) throw InputError(file.string(), "", "is missing: palpate run and recordings of palpate view write it");
-  std::array<char, 8> head{};
+  std::array<char, protocol::kRecordingMagic.size()> head{};
   in.read(head.data(), head.size());
-  if (!in || std::string_view(head.data(), head.size()) != "PALPATE1") {
+  if (!in || std::string_view(head.data(), head.size()) != protocol::kRecordingMagic) {
     throw InputError(file.string(), "", "is no recording of this version");
   }
 }
@@ -34,7 +36,8 @@ void replay(const ReplayOptions& options) {
   requireRecording(file);
   const ServerOptions server_options = options.serve.server();
   const auto name = (folder.has_filename() ? folder : folder.parent_path()).filename().string();
-  Server server(server_options, pageFiles(), sessionJson("replay", name, server_options), {});
+  Server server(server_options, pageFiles(),
+                sessionMessage({"replay", server_options.version, name, server_options.max_surface_bytes}), {});
   server.addFile(file.string(), "/recording");
   announce(server);
   server.run();

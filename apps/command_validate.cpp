@@ -17,9 +17,9 @@ void printScene(const SceneConfig& config, const BuiltScene& built) {
 }
 
 void printHandle(const BuiltScene& built) {
-  const Body& tool = built.world.tool();
-  fmt::print("handle {}: {} nodes, weight of handle and tool {:.3g} N\n", tool.handle().name,
-             tool.handle().nodes.size(), tool.totalMass() * built.world.gravity.norm());
+  const Body tool = built.world.tool();
+  fmt::print("handle {}: {} nodes, weight of handle and tool {:.3g} N\n", tool.model.handle().name,
+             tool.model.handle().nodes.size(), tool.model.totalMass() * built.world.gravity.norm());
 }
 
 /// Everything that a run would reject before its first step, with each of the handles in turn.

@@ -10,7 +10,7 @@
 #include "commands.h"
 #include "page.h"
 #include "palpate/common/error.h"
-#include "palpate/interactive/live_run.h"
+#include "palpate/interactive/interactive_run.h"
 #include "scene_options.h"
 #include "serve.h"
 
@@ -44,7 +44,7 @@ class TemporaryFolder {
   std::filesystem::path path_;
 };
 
-/// The server as the live run sees it.
+/// The server as the run sees it.
 class ServedAudience final : public Audience {
  public:
   void serve(Server& server) { server_ = &server; }
@@ -90,22 +90,26 @@ std::vector<SceneEntry> scenesBeside(const SceneConfig& chosen) {
 void view(const ViewOptions& options) {
   const SceneConfig config = options.scene.read();
   const TemporaryFolder dropped;
-  LiveOptions live;
-  live.scenes = scenesBeside(config);
-  live.open = [&config](const SceneEntry& entry) { return entry.name == config.name ? config : readScene(entry.file); };
-  live.record_folder = options.out;
-  live.record_from_start = options.record;
-  live.surface_folder = dropped.path();
+  InteractiveOptions run_options;
+  run_options.scenes = scenesBeside(config);
+  run_options.open = [&config](const SceneEntry& entry) {
+    return entry.name == config.name ? config : readScene(entry.file);
+  };
+  run_options.record_folder = options.out;
+  run_options.record_from_start = options.record;
+  run_options.surface_folder = dropped.path();
 
   ServedAudience audience;
-  LiveRun run(config, live, audience);
+  InteractiveRun run(config, run_options, audience);
   ServerHandlers handlers;
   handlers.joined = [&run](int viewer) { run.joined(viewer); };
   handlers.left = [&run](int viewer) { run.left(viewer); };
   handlers.message = [&run](int viewer, std::string_view json) { run.message(viewer, json); };
   handlers.surface = [&run](const std::string& name, std::string&& body) { return run.surface(name, std::move(body)); };
   const ServerOptions server_options = options.serve.server();
-  Server server(server_options, pageFiles(), sessionJson("live", config.name, server_options), handlers);
+  Server server(server_options, pageFiles(),
+                sessionMessage({"view", server_options.version, config.name, server_options.max_surface_bytes}),
+                handlers);
   audience.serve(server);
   run.start();
   announce(server);

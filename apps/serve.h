@@ -33,9 +33,6 @@ struct ServeOptions {
   }
 };
 
-/// What GET /session.json answers.
-std::string sessionJson(const std::string& mode, const std::string& name, const ServerOptions& options);
-
 /// Says on standard output where the page is.
 void announce(const Server& server);
 

@@ -6,52 +6,27 @@
 #include <algorithm>
 #include <filesystem>
 #include <map>
-#include <memory>
 
 #include "palpate/linearization/linearize.h"
-#include "palpate/math/rotation.h"
-#include "palpate/mesh/embed_surface.h"
-#include "palpate/mesh/surface_io.h"
+#include "shared/bunny.h"
+#include "shared/held_scenes.h"
 
 namespace palpate {
 namespace {
 
-const char* const kBunny = "/usr/share/glmark2/models/bunny.obj";
-
-// The bunny of 0.1 m, upright, its lowest vertex at z = 0.
 const SimulationMesh& bunny(int tetrahedra) {
   static std::map<int, SimulationMesh> meshes;
   const auto [at, fresh] = meshes.try_emplace(tetrahedra);
-  SimulationMesh& mesh = at->second;
-  if (!fresh) return mesh;
-  Surface surface = loadSolid(kBunny, 0.1);
-  double lowest = 1e300;
-  for (Vec3& p : surface.vertices) {
-    p = Vec3(p.x(), -p.z(), p.y());
-    lowest = std::min(lowest, p.z());
-  }
-  for (Vec3& p : surface.vertices) p.z() -= lowest;
-  EmbedOptions options;
-  options.target_tetrahedra = tetrahedra;
-  mesh = embedSurface(surface, options);
-  return mesh;
+  if (fresh) at->second = test::standingBunny(tetrahedra);
+  return at->second;
 }
 
 World heldBunny(int tetrahedra) {
-  Body body("bunny", bunny(tetrahedra), Material{});
+  BodyModel body("bunny", bunny(tetrahedra), Material{});
   double top = 0;
   for (int i = 0; i < body.nodes(); ++i) top = std::max(top, body.positions()[3 * i + 2]);
-  std::vector<int> nodes;
-  std::vector<Vec3> positions;
-  std::vector<double> masses;
-  for (int i = 0; i < body.nodes(); ++i) {
-    const Vec3 p = body.positions().segment<3>(3 * i);
-    if (p.z() < 0.75 * top) continue;
-    nodes.push_back(i);
-    positions.push_back(p);
-    masses.push_back(body.elasticity().mass()[i]);
-  }
-  body.hold(makeHandle("head", nodes, positions, masses, 0.02, Vec3::Zero(), Quat::Identity()));
+  test::holdNodes(
+      body, [&](const Vec3& p) { return p.z() >= 0.75 * top; }, test::kPlainHandle);
   World world;
   world.obstacles.push_back({PlaneShape{}, 0.5, "ground"});
   world.add(std::move(body));
@@ -59,18 +34,18 @@ World heldBunny(int tetrahedra) {
 }
 
 void contactReduction(benchmark::State& state) {
-  if (!std::filesystem::exists(kBunny)) {
+  if (!std::filesystem::exists(test::kBunnyFile)) {
     state.SkipWithError("needs Debian's package glmark2-data");
     return;
   }
   constexpr double h = 0.02;
   World world = heldBunny(static_cast<int>(state.range(0)));
-  DeviceTarget target{world.tool().handle().pose, Vec6::Zero()};
+  DeviceTarget target{world.tool().state.handle.pose, Vec6::Zero()};
   for (int n = 0; n < 20; ++n) {  // pressed 3 mm
     target.pose.position.z() -= 0.003 / 20;
     benchmark::DoNotOptimize(world.step(target, h));
   }
-  world.contact.reduce = state.range(1) != 0;
+  world.contact.reduction = state.range(1) != 0;
   StepReport report;
   for (auto _ : state) report = world.step(target, h);
   double normal = 0;

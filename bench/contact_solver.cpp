@@ -13,11 +13,11 @@
 namespace palpate {
 namespace {
 
-using testing::CoupledProblem;
-using testing::CoupledScene;
-using testing::Coupling;
-using testing::OwnedProblem;
-using testing::SoftBar;
+using test::CoupledProblem;
+using test::CoupledScene;
+using test::Coupling;
+using test::OwnedProblem;
+using test::SoftBar;
 
 enum Kind { nodes_25, nodes_36_sticking, points_90, points_90_flat, nodes_196, points_196, points_500 };
 
@@ -147,7 +147,7 @@ void registerCoupled() {
                                                                {"projected_gradient", Method::gradient},
                                                                {"nonsmooth_newton", Method::newton},
                                                                {"constraint_anticipation", Method::anticipation}};
-  for (const auto& [kind, kind_name] : testing::allCouplings()) {
+  for (const auto& [kind, kind_name] : test::allCouplings()) {
     for (const int contacts : {10, 100, 500}) {
       for (const bool exact : {false, true}) {
         for (const auto& [method_name, method] : methods) {

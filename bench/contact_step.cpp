@@ -4,18 +4,14 @@
 
 #include <chrono>
 #include <cmath>
-#include <functional>
 #include <map>
 #include <numbers>
 #include <string>
 #include <vector>
 
-#include "palpate/mesh/embed_surface.h"
-#include "palpate/mesh/implicit_surface.h"
-#include "palpate/mesh/shapes.h"
-#include "palpate/mesh/surface_measures.h"
 #include "palpate/results/statistics.h"
 #include "palpate/simulation/world.h"
+#include "shared/contact_scenes.h"
 #include "threads.h"
 
 namespace palpate {
@@ -23,22 +19,6 @@ namespace {
 
 constexpr double kStep = 0.033;
 constexpr int kSteps = 100;  // measured
-const Material kFoam{2.0e4, 0.4, 100.0, 0.0, 0.002};
-
-// Attaches the nodes that `chosen` picks to a handle.
-void hold(Body& body, const std::string& name, double mass, const std::function<bool(const Vec3&)>& chosen) {
-  std::vector<int> nodes;
-  std::vector<Vec3> positions;
-  std::vector<double> masses;
-  for (int i = 0; i < body.nodes(); ++i) {
-    const Vec3 p = body.positions().segment<3>(3 * i);
-    if (!chosen(p)) continue;
-    nodes.push_back(i);
-    positions.push_back(p);
-    masses.push_back(body.elasticity().mass()[i]);
-  }
-  body.hold(makeHandle(name, nodes, positions, masses, mass, Vec3::Zero(), Quat::Identity()));
-}
 
 // Presses down by `depth` and then goes on round a small horizontal circle.
 class PressAndRub {
@@ -95,16 +75,12 @@ class Medians {
 
 // --- triangles
 
-constexpr double kRadius = 0.05;
-
 // Surface of a ball of about so many triangles.
 Surface ball(int triangles) {
-  const auto distance = [](const Vec3& x) { return sphereDistance(x, Vec3::Zero(), kRadius); };
-  const Bounds box{Vec3::Constant(-1.1 * kRadius), Vec3::Constant(1.1 * kRadius)};
-  double cell = kRadius * std::sqrt(6 * std::numbers::pi * 2 / triangles);
+  double cell = test::kBallRadius * std::sqrt(6 * std::numbers::pi * 2 / triangles);
   Surface surface;
   for (int trial = 0; trial < 3; ++trial) {
-    surface = meshImplicit(distance, box, cell);
+    surface = test::ballSurface(cell);
     cell *= std::sqrt(static_cast<double>(surface.triangles.size()) / triangles);
   }
   return surface;
@@ -129,41 +105,30 @@ SimulationMesh softBall(int triangles) {
 void stepAgainstTriangles(benchmark::State& state) {
   const ExecutorScope threads(&benchTeam());
   const SimulationMesh mesh = softBall(static_cast<int>(state.range(0)));
-  World world;
-  world.gravity.setZero();
-  world.contact.thickness = 0.002 * boundsOf(mesh.surface.vertices).diagonal();
-  SimulationMesh raised = mesh;
-  const Vec3 up(0, 0, 2 * kRadius + 2 * world.contact.thickness);
-  for (Vec3& p : raised.mesh.nodes) p += up;
-  for (Vec3& p : raised.surface.vertices) p += up;
+  test::BallOptions options;
+  options.offset.z() += 2 * test::thicknessOf(mesh);
+  options.lower_handle = 1e6;
+  World world = test::ballOverBall(mesh, options);
   SurfaceContacts apart;  // for timing the finding alone
-  apart.addBody(0, raised, false);
+  apart.addBody(0, test::moved(mesh, {options.offset, Quat::Identity()}), false);
   apart.addBody(1, mesh, false);
   FrictionTable friction;
   friction.setBody(0, 0.5);
   friction.setBody(1, 0.5);
-  Body upper("upper", raised, kFoam), lower("lower", mesh, kFoam);
-  hold(upper, "top", 0.02, [&](const Vec3& p) { return p.z() > up.z() + 0.5 * kRadius; });
-  hold(lower, "bottom", 1e6, [](const Vec3& p) { return p.z() < -0.5 * kRadius; });
-  world.add(std::move(upper));
-  world.add(std::move(lower));
-  PressAndRub hand(world.tool().handle().pose, 0.02, 0.005);
+  PressAndRub hand(world.tool().state.handle.pose, 0.02, 0.005);
   for (int n = 0; n < PressAndRub::kWarmUp; ++n) benchmark::DoNotOptimize(world.step(hand.next(), kStep));
 
-  SurfaceContactSettings settings;
-  settings.thickness = world.contact.thickness;
-  settings.reach = world.contact.reach;
   std::vector<Contact> found;
   Medians medians;
   for (auto _ : state) {
     const StepReport report = world.step(hand.next(), kStep);
     state.SetIterationTime(report.times.contact);
     medians.add(report);
-    for (int b = 0; b < 2; ++b) apart.setStart(b, world.body(b).startPositions());
+    for (int b = 0; b < 2; ++b) apart.setStart(b, world.body(b).system.startPositions());
     found.clear();
     const auto begin = std::chrono::steady_clock::now();
-    for (int b = 0; b < 2; ++b) apart.setEnd(b, world.body(b).positions());
-    apart.find(settings, friction, found);
+    for (int b = 0; b < 2; ++b) apart.setEnd(b, world.body(b).state.positions);
+    apart.find(world.contact, friction, found);
     const std::chrono::duration<double, std::milli> elapsed = std::chrono::steady_clock::now() - begin;
     medians.add("find_ms", elapsed.count());
     medians.add("candidates", static_cast<double>(found.size()));
@@ -180,22 +145,10 @@ void stepAgainstTriangles(benchmark::State& state) {
 // Argument: contacts wanted.
 void stepAgainstContacts(benchmark::State& state) {
   const ExecutorScope threads(&benchTeam());
-  constexpr int kCells = 24;
-  constexpr double kCell = 0.005;
   const auto side = static_cast<int>(std::lround(std::sqrt(static_cast<double>(state.range(0)) + 2.25) - 1.5));
-  SimulationMesh mesh = barMesh(Vec3(kCells * kCell, kCells * kCell, 2 * kCell), {kCells, kCells, 2});
-  World world;
-  world.gravity.setZero();
-  world.contact.thickness = 0.002 * boundsOf(mesh.surface.vertices).diagonal();
-  Body plate("plate", mesh, kFoam);
-  hold(plate, "upper side", 0.02, [](const Vec3& p) { return p.z() > 1.5 * kCell; });
-  world.add(std::move(plate));
   // with an even number of vertices on a side the block is between two columns
-  const double middle = kCell * (kCells / 2 + (side % 2 == 0 ? 0.5 : 0.0));
-  const Vec3 half(0.5 * side * kCell, 0.5 * side * kCell, 0.02);
-  BoxShape block{{Vec3(middle, middle, -half.z() - 2 * world.contact.thickness), Quat::Identity()}, half};
-  world.obstacles.push_back({block, 0.5, "block"});
-  PressAndRub hand(world.tool().handle().pose, 0.002, 0.001);
+  World world = test::plateOverBlock(24, side, side % 2 == 0 ? 0.5 : 0.0);
+  PressAndRub hand(world.tool().state.handle.pose, 0.002, 0.001);
   for (int n = 0; n < PressAndRub::kWarmUp; ++n) benchmark::DoNotOptimize(world.step(hand.next(), kStep));
   Medians medians;
   for (auto _ : state) {
@@ -204,25 +157,15 @@ void stepAgainstContacts(benchmark::State& state) {
     medians.add(report);
   }
   medians.report(state);
-  state.counters["tetrahedra"] = static_cast<double>(mesh.mesh.tetrahedra.size());
+  state.counters["tetrahedra"] = static_cast<double>(world.tool().model.mesh().mesh.tetrahedra.size());
 }
 
 // Soft blocks of 48 tetrahedra side by side that slide down an incline, nine vertices of each on it: contacts that have
 // nothing to do with each other, but for blocks' own. Argument: contacts wanted.
 void stepAgainstBodies(benchmark::State& state) {
   const ExecutorScope threads(&benchTeam());
-  constexpr double kSide = 0.04;
   const int blocks = static_cast<int>(state.range(0)) / 10;
-  World world;
-  world.gravity = Vec3(4.0, 0, -9.0);
-  world.obstacles.push_back({PlaneShape{}, 0.3, "incline"});
-  const SimulationMesh mesh = barMesh(Vec3(kSide, kSide, kSide), {2, 2, 2});
-  for (int i = 0; i < blocks; ++i) {
-    SimulationMesh moved = mesh;
-    for (auto* points : {&moved.mesh.nodes, &moved.surface.vertices})
-      for (Vec3& p : *points) p += Vec3(0, 2 * kSide * i, 0);
-    world.add(Body("block", std::move(moved), kFoam));
-  }
+  World world = test::slidingBlocks(blocks);
   const DeviceTarget nobody;
   for (int n = 0; n < PressAndRub::kWarmUp; ++n) benchmark::DoNotOptimize(world.step(nobody, kStep));
   Medians medians;

@@ -5,18 +5,10 @@
 #include <vector>
 
 #include "palpate/haptics/haptic_loop.h"
+#include "shared/haptic_models.h"
 
 namespace palpate {
 namespace {
-
-Mat6 randomMatrix(std::mt19937& random, double scale, double arm) {
-  std::uniform_real_distribution<double> uniform(-scale, scale);
-  const double unit[6] = {1, 1, 1, arm, arm, arm};
-  Mat6 m;
-  for (int i = 0; i < 6; ++i)
-    for (int j = 0; j < 6; ++j) m(i, j) = uniform(random) * unit[i] * unit[j];
-  return m;
-}
 
 /// A device that goes round in a small circle, on a model that takes energy out or, with `active`, feeds it.
 void hapticTick(benchmark::State& state, Rendering rendering, bool active) {
@@ -26,7 +18,7 @@ void hapticTick(benchmark::State& state, Rendering rendering, bool active) {
   loop.start(Pose{}, Pose{}, 0.0);
   std::mt19937 random(1);
   HandleModel model;
-  const Mat6 root = randomMatrix(random, 20.0, 0.03);
+  const Mat6 root = test::randomMatrix(random, 20.0, 0.03);
   model.kx = -root * root.transpose();
   model.kv = active ? Mat6(1e3 * Mat6::Identity()) : Mat6(1e-3 * model.kx);
   std::vector<DeviceState> circle(1000);
@@ -45,7 +37,7 @@ void hapticTick(benchmark::State& state, Rendering rendering, bool active) {
 
 BENCHMARK_CAPTURE(hapticTick, hsl, Rendering::linearized, false);
 BENCHMARK_CAPTURE(hapticTick, hsl_active_model, Rendering::linearized, true);
-BENCHMARK_CAPTURE(hapticTick, vc, Rendering::visual_coupling, false);
+BENCHMARK_CAPTURE(hapticTick, vc, Rendering::virtual_coupling, false);
 
 }  // namespace
 }  // namespace palpate

@@ -17,6 +17,8 @@
 namespace palpate::bench {
 namespace {
 
+using namespace test;
+
 using Numeric = SparseCholesky::Numeric;
 
 enum Problem { kThinLimbed, kBar288, kBar2592, kBar10140 };

@@ -7,8 +7,8 @@
 #include <thread>
 #include <vector>
 
-#include "../tests/viewer/web_client.h"
 #include "palpate/viewer/server.h"
+#include "shared/web_client.h"
 
 namespace palpate {
 namespace {

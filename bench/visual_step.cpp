@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "factorization_baseline.h"
+#include "palpate/common/scoped_timer.h"
 #include "palpate/haptics/device_filter.h"
 #include "palpate/results/statistics.h"
 #include "palpate/scene/overrides.h"
@@ -55,21 +56,29 @@ void visualStepInContact(benchmark::State& state, const Case& c) {
   const RunTiming timing = timingOf(config);
   BuiltScene scene = buildScene(config);
   const HandleModel first = startModel(scene, timing);
-  std::vector<Body::State> start;
-  for (int i = 0; i < scene.world.bodies(); ++i) start.push_back(scene.world.body(i).state());
+  const WorldState start = scene.world.state();
+  const VisualStepSettings settings = visualSettings(scene, timing);
+  WorldState saved;
+  std::vector<double> state_ms;  // to save the state and to restore it
   std::vector<double> total, factorize, contact, linearization, active, contacts, found, between, passes, iterations;
   double t = 0, trouble = 0;
   for (auto _ : state) {
     VisualRecord record;
     do {
       if (t >= std::min(config.duration, c.until)) {
-        for (int i = 0; i < scene.world.bodies(); ++i) scene.world.body(i).restore(start[static_cast<std::size_t>(i)]);
+        scene.world.restore(start);
         t = 0;
       }
-      record = visualStep(scene.world, aimAt(scene.device->sample(t), timing), scene.linearization, timing.visual_step,
-                          t, first);
+      record = visualStep(scene.world, aimAt(scene.device->sample(t), timing), settings, t, first);
       t += timing.visual_step;
     } while (t < c.from || record.step.active == 0 || (c.surfaces && pressed(scene.world.contacts()) == 0));
+    double state_s = 0;
+    {
+      const ScopedTimer timer(state_s);
+      saved = scene.world.state();
+      scene.world.restore(saved);
+    }
+    state_ms.push_back(1e3 * state_s);
     const double seconds = record.step.times.total() + record.linearization_s;
     state.SetIterationTime(seconds);
     total.push_back(1e3 * seconds);
@@ -84,7 +93,7 @@ void visualStepInContact(benchmark::State& state, const Case& c) {
     iterations.push_back(record.step.solver_iterations);
     trouble += record.step.status == StepStatus::ok ? 0 : 1;
   }
-  const bench::FactorizationBaseline baseline = bench::measureFactorizationBaseline(scene.world.tool().system());
+  const bench::FactorizationBaseline baseline = bench::measureFactorizationBaseline(scene.world.tool().system.matrix());
   state.counters["tetrahedra"] = scene.tetrahedra;
   state.counters["triangles"] = scene.surface_triangles;
   state.counters["contacts"] = percentile(contacts, 0.5);
@@ -99,6 +108,7 @@ void visualStepInContact(benchmark::State& state, const Case& c) {
   state.counters["factorize_ms"] = percentile(factorize, 0.5);
   state.counters["contact_ms"] = percentile(contact, 0.5);
   state.counters["linearize_share"] = percentile(linearization, 0.5) / percentile(total, 0.5);
+  state.counters["state_share"] = percentile(state_ms, 0.5) / percentile(total, 0.5);
   state.counters["baseline_ms"] = 1e-3 * baseline.fastest();
   state.counters["over_baseline"] = percentile(total, 0.5) / (1e-3 * baseline.fastest());
 }

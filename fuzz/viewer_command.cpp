@@ -7,6 +7,7 @@
 
 #include "palpate/common/error.h"
 #include "palpate/protocol/commands.h"
+#include "palpate/protocol/layout.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   try {
@@ -17,7 +18,9 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
       if (!sane) std::abort();
     }
     if (const auto* set = std::get_if<palpate::SetMessage>(&command)) {
-      if (set->speed && !(*set->speed >= palpate::kMinSpeed && *set->speed <= palpate::kMaxSpeed)) std::abort();
+      if (set->speed &&
+          !(*set->speed >= palpate::protocol::kSpeed.low && *set->speed <= palpate::protocol::kSpeed.high))
+        std::abort();
       if (set->stiffness && !(*set->stiffness > 0)) std::abort();
     }
   } catch (const palpate::InputError&) {

@@ -7,6 +7,7 @@
 #include <string>
 #include <string_view>
 
+#include "palpate/protocol/server_messages.h"
 #include "palpate/viewer/request_checks.h"
 
 namespace {

@@ -1,5 +1,7 @@
 #pragma once
 
+// Signed distances from the solids that obstacles are made of, in closed form.
+
 #include <algorithm>
 
 #include "palpate/contact/obstacle.h"

@@ -1,5 +1,7 @@
 #pragma once
 
+// Contact problems for the friction solver: of a soft bar dragged over a floor, and random ones of any rank.
+
 #include <Eigen/Cholesky>
 #include <cmath>
 #include <random>
@@ -7,7 +9,7 @@
 
 #include "palpate/friction/contact_solver.h"
 
-namespace palpate::testing {
+namespace palpate::test {
 
 /// A contact problem with its own storage.
 struct OwnedProblem {
@@ -121,4 +123,4 @@ inline OwnedProblem randomProblem(int m, int rank, double mass_ratio, unsigned s
   return problem;
 }
 
-}  // namespace palpate::testing
+}  // namespace palpate::test

@@ -92,8 +92,8 @@ Outcome acceleratedProjectedGradient(const ContactProblem& p, double tolerance, 
   };
   anticipate();
   double theta = 1.0, lipschitz = p.delassus.diagonal().maxCoeff();
-  constexpr int every = 20;
-  while (!done(p, tolerance, every, o) && o.iterations < limit) {
+  constexpr int kEvery = 20;
+  while (!done(p, tolerance, kEvery, o) && o.iterations < limit) {
     ++o.iterations;
     const VecX gradient_w = p.delassus * y;
     const VecX gradient = gradient_w + linear;
@@ -115,7 +115,7 @@ Outcome acceleratedProjectedGradient(const ContactProblem& p, double tolerance, 
     theta = restart ? 1.0 : next_theta;
     o.lambda = next;
     lipschitz *= 0.9;
-    if (o.iterations % every == 0) anticipate();
+    if (o.iterations % kEvery == 0) anticipate();
   }
   o.residual = contactResidual(p, o.lambda) / scale(p);
   return o;
@@ -187,15 +187,15 @@ Outcome constraintAnticipation(const ContactProblem& p, const MatX& system, cons
   const MatX small = j * scaled;
   o.lambda.setZero(3 * m);
   VecX v = VecX::Zero(n), target(n), w;
-  constexpr int every = 10, inner = 5;
-  while (!done(p, tolerance, every, o) && o.iterations < limit) {
+  constexpr int kEvery = 10, kInner = 5;
+  while (!done(p, tolerance, kEvery, o) && o.iterations < limit) {
     ++o.iterations;
     const VecX defect = momentum - a * v;  // without contact
     for (Eigen::Index i = 0; i < n; i += 3)
       target.segment<3>(i) = v.segment<3>(i) + inverse.middleCols<3>(i) * defect.segment<3>(i);
     w = j * target;
     w += small * o.lambda;
-    for (int sweep = 0; sweep < inner; ++sweep) {
+    for (int sweep = 0; sweep < kInner; ++sweep) {
       for (Eigen::Index i = 0; i < m; ++i) {
         const Mat3 own = small.block<3, 3>(3 * i, 3 * i);
         const Vec3 old = o.lambda.segment<3>(3 * i);

@@ -1,5 +1,7 @@
 #pragma once
 
+// The solvers that the friction solver is measured against.
+
 #include "palpate/friction/contact_solver.h"
 
 /// Other ways to solve a ContactProblem, to compare with. All stop when contactResidual is at most `tolerance` times

@@ -1,9 +1,8 @@
 #pragma once
 
-// Counts calls of malloc and its kin while `counting` is set. For one source file of a test program.
+// Counts calls of malloc and its kin, which shared/count_allocations.cpp replaces: for test programs that list it.
 
 #include <atomic>
-#include <cstdlib>
 
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__) || !defined(__GLIBC__)
 #define PALPATE_COUNTS_MALLOC 0
@@ -16,37 +15,22 @@
 #define PALPATE_COUNTS_MALLOC 1
 #endif
 
-namespace {
-std::atomic<bool> counting{false};
-std::atomic<int> allocations{0};
+namespace palpate::test {
 
-[[maybe_unused]] void count() {
-  if (counting.load(std::memory_order_relaxed)) allocations.fetch_add(1, std::memory_order_relaxed);
-}
-}  // namespace
+/// False where malloc belongs to a sanitizer: nothing is counted there, and a test of it has to be skipped.
+inline constexpr bool kCountsMalloc = PALPATE_COUNTS_MALLOC;
 
-#if PALPATE_COUNTS_MALLOC
-extern "C" {
-void* __libc_malloc(std::size_t);
-void* __libc_calloc(std::size_t, std::size_t);
-void* __libc_realloc(void*, std::size_t);
-void* __libc_memalign(std::size_t, std::size_t);
+extern std::atomic<bool> counting;  ///< on any thread
+extern std::atomic<int> allocations;
 
-void* malloc(std::size_t size) {
-  count();
-  return __libc_malloc(size);
+/// Allocations while something is done.
+template <class Work>
+int allocationsIn(const Work& work) {
+  allocations = 0;
+  counting = true;
+  work();
+  counting = false;
+  return allocations;
 }
-void* calloc(std::size_t number, std::size_t size) {
-  count();
-  return __libc_calloc(number, size);
-}
-void* realloc(void* memory, std::size_t size) {
-  count();
-  return __libc_realloc(memory, size);
-}
-void* aligned_alloc(std::size_t alignment, std::size_t size) {
-  count();
-  return __libc_memalign(alignment, size);
-}
-}
-#endif
+
+}  // namespace palpate::test

@@ -1,5 +1,8 @@
 #pragma once
 
+// Contact problems with the bodies that they come from, soft and rigid, whose contacts act on one another: stacks,
+// a chain, wedges.
+
 #include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
@@ -10,7 +13,7 @@
 
 #include "shared/contact_problems.h"
 
-namespace palpate::testing {
+namespace palpate::test {
 
 /// A contact problem with the bodies that it was condensed from: W = J A^-1 J^T, free = J velocity.
 struct CoupledProblem : OwnedProblem {
@@ -359,4 +362,4 @@ struct CoupledScene {
   };
 };
 
-}  // namespace palpate::testing
+}  // namespace palpate::test

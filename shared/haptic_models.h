@@ -1,12 +1,14 @@
 #pragma once
 
+// Random poses, twists and handle models for the haptic loop.
+
 #include <random>
 
 #include "palpate/haptics/device_state.h"
 #include "palpate/linearization/handle_model.h"
 #include "palpate/math/rotation.h"
 
-namespace palpate::testing {
+namespace palpate::test {
 
 inline Vec3 randomVec3(std::mt19937& random, double scale) {
   std::uniform_real_distribution<double> uniform(-scale, scale);
@@ -34,4 +36,4 @@ inline Mat6 randomMatrix(std::mt19937& random, double scale, double arm) {
 
 inline DeviceState deviceAt(const Pose& pose, const Vec6& twist = Vec6::Zero()) { return DeviceState{pose, twist, 0}; }
 
-}  // namespace palpate::testing
+}  // namespace palpate::test

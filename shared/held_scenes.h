@@ -1,6 +1,10 @@
 #pragma once
 
+// A bar on the ground, handles on some of a body's nodes, and what a world is measured by: momentum, energy, contact
+// forces, depth.
+
 #include <algorithm>
+#include <concepts>
 #include <string>
 #include <utility>
 #include <vector>
@@ -22,27 +26,33 @@ inline SimulationMesh moved(SimulationMesh mesh, const Pose& pose) {
 }
 
 /// Bar with its bottom at z = 0, free or held at the nodes that `region` selects by their rest position.
-inline Body bar(const std::array<int, 3>& cells, const Material& material, double friction = 0.5,
-                const Vec6& velocity = Vec6::Zero()) {
-  return Body("bar", barMesh(kBarSize, cells), material, friction, velocity);
+inline BodyModel bar(const std::array<int, 3>& cells, const Material& material, double friction = 0.5,
+                     const Vec6& velocity = Vec6::Zero()) {
+  return BodyModel("bar", barMesh(kBarSize, cells), material, friction, velocity);
 }
 
-template <class Region>
-void holdNodes(Body& body, Region region, const Vec6& twist = Vec6::Zero(),
-               const Vec3& own_inertia = {1e-5, 2e-5, 3e-5}) {
-  std::vector<int> nodes;
-  std::vector<Vec3> positions;
-  std::vector<double> masses;
-  for (int i = 0; i < body.nodes(); ++i) {
-    const Vec3 p = body.mesh().mesh.nodes[i];
-    if (!region(p)) continue;
-    nodes.push_back(i);
-    positions.push_back(p);
-    masses.push_back(body.elasticity().mass()[i]);
-  }
-  Handle handle = makeHandle("handle", nodes, positions, masses, 0.02, own_inertia, expRotation({0.3, -0.2, 0.1}));
-  handle.twist = twist;
+/// A handle of tests and benchmarks.
+struct HandleOptions {
+  std::string name = "handle";
+  double mass = 0.02;                             ///< of its own [kg]
+  Vec3 inertia{1e-5, 2e-5, 3e-5};                 ///< of its own; zero: that of a ball that reaches the nodes [kg m^2]
+  Quat rotation = expRotation({0.3, -0.2, 0.1});  ///< askew, so that no axis is special
+  Vec6 twist = Vec6::Zero();
+};
+/// A handle whose frame is the world's.
+inline const HandleOptions kPlainHandle{"handle", 0.02, Vec3::Zero(), Quat::Identity(), Vec6::Zero()};
+
+inline void holdNodes(BodyModel& body, const std::vector<int>& nodes, const HandleOptions& options = {}) {
+  Handle handle = handleOnNodes(options.name, nodes, body.state.positions, body.model.elasticity().mass(), options.mass,
+                                options.inertia, options.rotation);
+  handle.twist = options.twist;
   body.hold(handle);
+}
+/// @param region  of the rest positions
+template <class Region>
+requires std::predicate<Region, Vec3>
+void holdNodes(BodyModel& body, const Region& region, const HandleOptions& options = {}) {
+  holdNodes(body, nodesWhere(body.model.mesh().mesh.nodes, region), options);
 }
 
 inline bool onTop(const Vec3& p) { return p.z() > kBarSize.z() - 1e-9; }
@@ -52,17 +62,20 @@ inline Obstacle ground(double friction = 0.5) { return {PlaneShape{}, friction, 
 
 inline Vec3 momentum(const Body& body) {
   Vec3 sum = Vec3::Zero();
-  for (int i = 0; i < body.nodes(); ++i) sum += body.elasticity().mass()[i] * body.velocities().segment<3>(3 * i);
-  if (body.framed()) sum += (body.handle().mass - body.handle().attached_mass) * body.handle().twist.head<3>();
+  for (int i = 0; i < body.model.nodes(); ++i)
+    sum += body.model.elasticity().mass()[i] * body.state.velocities.segment<3>(3 * i);
+  if (body.model.framed())
+    sum += (body.model.handle().mass - body.model.handle().attached_mass) * body.state.handle.twist.head<3>();
   return sum;
 }
 
-inline Vec3 centerVelocity(const Body& body) { return momentum(body) / body.totalMass(); }
+inline Vec3 centerVelocity(const Body& body) { return momentum(body) / body.model.totalMass(); }
 
 inline Vec3 center(const Body& body) {
   Vec3 sum = Vec3::Zero();
-  for (int i = 0; i < body.nodes(); ++i) sum += body.elasticity().mass()[i] * body.positions().segment<3>(3 * i);
-  return sum / body.elasticity().mass().sum();
+  for (int i = 0; i < body.model.nodes(); ++i)
+    sum += body.model.elasticity().mass()[i] * body.state.positions.segment<3>(3 * i);
+  return sum / body.model.elasticity().mass().sum();
 }
 
 /// Force of all contacts of a body on it, and the sum of their normal parts.
@@ -73,7 +86,7 @@ struct ContactForce {
 inline ContactForce contactForce(const World& world, int body) {
   ContactForce out;
   const ContactSet& set = world.contacts();
-  const double h = world.body(body).input().step;
+  const double h = world.body(body).system.input().step;
   for (std::size_t i = 0; i < set.contacts.size(); ++i) {
     const Vec3 impulse = set.impulse.segment<3>(static_cast<Eigen::Index>(3 * i));
     const Vec3 force = set.contacts[i].frame().transpose() * impulse / h;
@@ -86,12 +99,12 @@ inline ContactForce contactForce(const World& world, int body) {
 
 /// Depth of the deepest surface vertex in any analytic obstacle, by brute force [m].
 inline double deepestVertex(const World& world, int index) {
-  const Body& body = world.body(index);
+  const Body body = world.body(index);
   double deepest = 0;
-  for (const EmbeddedPoint& e : body.mesh().embedding) {
+  for (const EmbeddedPoint& e : body.model.mesh().embedding) {
     Vec3 p = Vec3::Zero();
     for (int k = 0; k < 4; ++k) {
-      p += e.weights[k] * body.positions().segment<3>(3 * body.mesh().mesh.tetrahedra[e.tetrahedron][k]);
+      p += e.weights[k] * body.state.positions.segment<3>(3 * body.model.mesh().mesh.tetrahedra[e.tetrahedron][k]);
     }
     for (const Obstacle& o : world.obstacles) {
       deepest = std::max(deepest, -std::visit([&](const auto& shape) { return signedDistance(shape, p); }, o.shape));
@@ -102,14 +115,15 @@ inline double deepestVertex(const World& world, int index) {
 
 /// Elastic energy with the rotations of the present positions; a step leaves those of its start.
 inline double elasticEnergy(const Body& body) {
-  ElasticMesh fem = body.elasticity();
-  fem.updateRotations(body.positions());
-  return fem.energy(body.positions());
+  ElasticMesh fem = body.model.elasticity();
+  fem.updateRotations(body.state.positions);
+  return fem.energy(body.state.positions);
 }
 
 inline double mechanicalEnergy(const World& world, int index) {
-  const Body& body = world.body(index);
-  return body.kineticEnergy() + elasticEnergy(body) - body.totalMass() * world.gravity.dot(center(body));
+  const Body body = world.body(index);
+  return body.model.kineticEnergy(body.state) + elasticEnergy(body) -
+         body.model.totalMass() * world.gravity.dot(center(body));
 }
 
 }  // namespace palpate::test

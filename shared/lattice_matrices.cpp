@@ -5,7 +5,7 @@
 #include <random>
 #include <utility>
 
-namespace palpate::bench {
+namespace palpate::test {
 namespace {
 
 using Cell = std::array<int, 3>;
@@ -92,4 +92,4 @@ LatticeMatrix thinLimbedMatrix(std::uint32_t seed) {
   return fromCells(cells, seed);
 }
 
-}  // namespace palpate::bench
+}  // namespace palpate::test

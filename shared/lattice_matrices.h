@@ -1,12 +1,14 @@
 #pragma once
 
+// Sparse matrices as soft bodies have them, without any body: a bar, and a trunk with thin limbs.
+
 #include <array>
 #include <cstdint>
 #include <vector>
 
 #include "palpate/linear/symmetric_block_matrix.h"
 
-namespace palpate::bench {
+namespace palpate::test {
 
 /// Stand-in for the system matrix of a soft body on a lattice of cells with six tetrahedra each: its pattern, positive
 /// definite values of the same kind (mass plus stiffness), and the nodes that contact is likely to touch.
@@ -24,4 +26,4 @@ LatticeMatrix barMatrix(int x, int y, int z, std::uint32_t seed = 1);
 /// held.
 LatticeMatrix thinLimbedMatrix(std::uint32_t seed = 1);
 
-}  // namespace palpate::bench
+}  // namespace palpate::test

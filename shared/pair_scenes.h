@@ -1,5 +1,7 @@
 #pragma once
 
+// Boxes and balls, soft or rigid, anywhere in space, and what happens between them: crossings, impulses, power.
+
 #include <algorithm>
 #include <cmath>
 #include <string>
@@ -35,17 +37,18 @@ struct BoxOptions {
   double damping_beta = 0.01;   // [s]
   double friction = 0.5;
 };
-inline Body box(Kind kind, const std::string& name, const Vec3& size, const Pose& pose, const BoxOptions& options = {},
-                const Vec6& twist = Vec6::Zero()) {
+inline BodyModel box(Kind kind, const std::string& name, const Vec3& size, const Pose& pose,
+                     const BoxOptions& options = {}, const Vec6& twist = Vec6::Zero()) {
   if (kind == Kind::rigid) {
-    return Body::rigid(name, placed(boxSurface(size, options.cells), pose), options.density, options.friction, twist);
+    return BodyModel::rigid(name, placed(boxSurface(size, options.cells), pose), options.density, options.friction,
+                            twist);
   }
   Material material;
   material.youngs_modulus = options.youngs_modulus;
   material.density = options.density;
   material.damping_beta = options.damping_beta;
   const SimulationMesh centered = moved(barMesh(size, options.cells), at(-0.5 * size));
-  return Body(name, moved(centered, pose), material, options.friction, twist);
+  return BodyModel(name, moved(centered, pose), material, options.friction, twist);
 }
 
 /// Soft ball: a cube's grid blown up, so all nodes of its sides lie on the sphere.
@@ -61,14 +64,15 @@ inline SimulationMesh ballMesh(double radius, const Vec3& center, int cells = 4)
 /// Surface vertices at the given node positions.
 inline std::vector<Vec3> surfacePoints(const Body& body, const VecX& x) {
   std::vector<Vec3> out;
-  for (const EmbeddedPoint& e : body.mesh().embedding) {
+  for (const EmbeddedPoint& e : body.model.mesh().embedding) {
     Vec3 p = Vec3::Zero();
-    for (int k = 0; k < 4; ++k) p += e.weights[k] * x.segment<3>(3 * body.mesh().mesh.tetrahedra[e.tetrahedron][k]);
+    for (int k = 0; k < 4; ++k)
+      p += e.weights[k] * x.segment<3>(3 * body.model.mesh().mesh.tetrahedra[e.tetrahedron][k]);
     out.push_back(p);
   }
   return out;
 }
-inline std::vector<Vec3> surfacePoints(const Body& body) { return surfacePoints(body, body.positions()); }
+inline std::vector<Vec3> surfacePoints(const Body& body) { return surfacePoints(body, body.state.positions); }
 
 /// Least and greatest coordinate of the surface.
 inline std::pair<double, double> extent(const Body& body, int axis) {
@@ -83,7 +87,7 @@ inline std::pair<double, double> extent(const Body& body, int axis) {
 
 inline bool overlap(const Body& a, const Body& b) {
   const auto surface = [](const Body& body) {
-    CollisionSurface s(body.mesh().surface);
+    CollisionSurface s(body.model.mesh().surface);
     s.start = s.end = surfacePoints(body);
     s.refit();
     return s;
@@ -96,7 +100,7 @@ inline bool overlap(const Body& a, const Body& b) {
 /// Greatest speed of a node [m/s].
 inline double fastest(const Body& body) {
   double speed = 0;
-  for (int i = 0; i < body.nodes(); ++i) speed = std::max(speed, body.velocities().segment<3>(3 * i).norm());
+  for (int i = 0; i < body.model.nodes(); ++i) speed = std::max(speed, body.state.velocities.segment<3>(3 * i).norm());
   return speed;
 }
 
@@ -116,7 +120,7 @@ inline Given give(const World& world, const ContactPoint& point, const Vec3& imp
   for (int k = 0; k < point.count; ++k) {
     const Vec3 share = point.weight[k] * impulse;
     out.impulse += share;
-    out.moment += Vec3(world.body(point.body).startPositions().segment<3>(3 * point.node[k])).cross(share);
+    out.moment += Vec3(world.body(point.body).system.startPositions().segment<3>(3 * point.node[k])).cross(share);
   }
   return out;
 }
@@ -125,14 +129,14 @@ inline Given give(const World& world, const ContactPoint& point, const Vec3& imp
 inline Vec3 endVelocity(const World& world, const ContactPoint& point) {
   Vec3 v = Vec3::Zero();
   if (point.body < 0) return v;
-  const Body& body = world.body(point.body);
+  const Body body = world.body(point.body);
   for (int k = 0; k < point.count; ++k) {
     const int node = point.node[k];
-    if (body.row()[node] >= 0) {
-      v += point.weight[k] * body.endVelocity().segment<3>(3 * body.row()[node]);
+    if (body.model.row()[node] >= 0) {
+      v += point.weight[k] * body.system.endVelocity().segment<3>(3 * body.model.row()[node]);
     } else {
-      const Vec3 lever = body.startPositions().segment<3>(3 * node) - body.startPose().position;
-      v += point.weight[k] * (body.endTwist().head<3>() + Vec3(body.endTwist().tail<3>()).cross(lever));
+      const Vec3 lever = body.system.startPositions().segment<3>(3 * node) - body.system.startPose().position;
+      v += point.weight[k] * (body.system.endTwist().head<3>() + Vec3(body.system.endTwist().tail<3>()).cross(lever));
     }
   }
   return v;
@@ -162,7 +166,7 @@ inline double totalEnergy(const World& world) {
 /// Force of body or ground `lower` on body `upper` in the last step [N].
 inline Vec3 forceBetween(const World& world, int upper, int lower) {
   const ContactSet& set = world.contacts();
-  const double h = world.body(upper).input().step;
+  const double h = world.body(upper).system.input().step;
   Vec3 sum = Vec3::Zero();
   for (std::size_t i = 0; i < set.contacts.size(); ++i) {
     const Contact& c = set.contacts[i];

@@ -1,8 +1,10 @@
 #pragma once
 
+// A scene as its file has it, for what begins with one.
+
 #include "palpate/scene/reader.h"
 
-namespace palpate {
+namespace palpate::test {
 
 /// A small scene that builds in milliseconds: a soft cube over the ground, pressed down by its own path.
 inline SceneConfig softCube() {
@@ -37,4 +39,4 @@ obstacles:
                              "cube.yaml");
 }
 
-}  // namespace palpate
+}  // namespace palpate::test

@@ -1,12 +1,14 @@
 #pragma once
 
+// Collision surfaces moved at random, and their distances and meetings by brute force.
+
 #include <random>
 
 #include "palpate/contact/collision_surface.h"
 #include "palpate/contact/feature_distance.h"
 #include "palpate/mesh/shapes.h"
 
-namespace palpate {
+namespace palpate::test {
 
 inline Eigen::Affine3d affine(const Eigen::Matrix3d& linear, const Vec3& offset) {
   Eigen::Affine3d t;
@@ -97,4 +99,4 @@ inline void bend(const CollisionSurface& s, std::vector<Vec3>& x, double angle) 
   }
 }
 
-}  // namespace palpate
+}  // namespace palpate::test

@@ -1,5 +1,7 @@
 #pragma once
 
+// What is wrong with a surface or an embedding: fused limbs, damage, complaints.
+
 #include <algorithm>
 #include <queue>
 #include <random>
@@ -9,7 +11,7 @@
 #include "palpate/mesh/edge_table.h"
 #include "palpate/mesh/types.h"
 
-namespace palpate {
+namespace palpate::test {
 
 /// Whether paths along the surface's edges no longer than `limit` [m] lead from the first of the vertices to all
 /// others.
@@ -81,6 +83,7 @@ inline std::string complaintsAbout(const SimulationMesh& m) {
     if (wrong) text += std::string(what) + "; ";
   };
   complain(m.fill.size() != m.mesh.tetrahedra.size() || m.share.size() != m.fill.size(), "sizes of fill and share");
+  complain(m.fill.empty() || m.embedding.empty(), "nothing there");
   complain(m.embedding.size() != m.surface.vertices.size(), "size of embedding");
   bool sums = true, range = true, positive = true, places = true, weights = true;
   for (size_t t = 0; t < m.fill.size(); ++t) {
@@ -117,4 +120,4 @@ inline std::string complaintsAbout(const SimulationMesh& m) {
   return text;
 }
 
-}  // namespace palpate
+}  // namespace palpate::test

@@ -28,12 +28,16 @@ def room_order(root):
     return re.search(r"set\(PALPATE_ROOMS\s+([^)]*)\)", text).group(1).split()
 
 
-def declared_dependencies(cmake_file):
-    """The rooms after DEPENDS in the palpate_room() call of a room's CMakeLists.txt."""
+def room_calls(cmake_file):
+    """The words of each palpate_room() call; a room may be made of several libraries."""
     text = re.sub(r"#.*", "", cmake_file.read_text())
-    call = re.search(r"palpate_room\(([^)]*)\)", text)
+    return [call.split() for call in re.findall(r"palpate_room\(([^)]*)\)", text)]
+
+
+def declared_dependencies(cmake_file):
+    """The libraries after DEPENDS in the palpate_room() calls of a room's CMakeLists.txt."""
     dependencies, keyword = [], None
-    for word in call.group(1).split() if call else []:
+    for word in (word for call in room_calls(cmake_file) for word in call):
         if word in ("SOURCES", "DEPENDS", "LIBRARIES", "ALONE", "OPTIONS"):
             keyword = word
         elif keyword == "DEPENDS":
@@ -65,7 +69,11 @@ def check(root):
     order = room_order(root)
     rooms = root / "src" / "palpate"
     folders = sorted(p for p in rooms.iterdir() if p.is_dir() and any(p.rglob("*.[hc]*")))
-    dependencies = {p.name: declared_dependencies(p / "CMakeLists.txt") for p in folders if (p / "CMakeLists.txt").exists()}
+    declared = [p for p in folders if (p / "CMakeLists.txt").exists()]
+    home = {call[0]: p.name for p in declared for call in room_calls(p / "CMakeLists.txt") if call}
+    dependencies = {
+        p.name: sorted({home.get(d, d) for d in declared_dependencies(p / "CMakeLists.txt")} - {p.name}) for p in declared
+    }
     files = {f: f.read_text() for p in folders for f in sorted(p.rglob("*")) if f.suffix in (".h", ".cpp")}
     includes = {f: INCLUDE.findall(text) for f, text in files.items()}
 

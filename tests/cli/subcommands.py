@@ -6,6 +6,7 @@ import re
 import signal
 import socket
 import struct
+import time
 import urllib.error
 import urllib.request
 
@@ -165,9 +166,18 @@ def run_replaces_an_earlier_result(context):
 
 @case
 def run_keeps_real_time(context):
+    begin = time.monotonic()
     summary = run_press(context, "--realtime", "--duration", "0.5")
+    expect(time.monotonic() - begin >= 0.5, "simulated time went faster than the clock")
     require_keys("summary", summary, SUMMARY)
-    context.table("haptic.csv")
+    rows = context.table("haptic.csv")[1]
+    expect(len(rows) == summary["haptic"]["ticks"] > 0, f"{len(rows)} rows of {summary['haptic']['ticks']} ticks")
+    ticks = [t / 0.001 for t in numbers(rows, 0)]
+    expect(all(abs(t - round(t)) < 1e-6 for t in ticks), "a tick is off the clock's raster")
+    expect(ticks == sorted(set(ticks)) and round(ticks[-1]) < 500, "ticks are not in order, or beyond the end")
+    # what a loaded machine made the loop miss is counted, up to the last tick
+    gone = round(ticks[-1]) + 1 - len(rows)
+    expect(gone <= summary["haptic"]["missed"], f"{gone} ticks are gone and {summary['haptic']['missed']} missed")
 
 
 @case
@@ -300,9 +310,7 @@ def scene_case(name, duration):
         expect(summary["visual"]["restored"] == 0, f"{summary['visual']['restored']} steps failed")
         expect(summary["contact"]["max_penetration_m"] < 1e-4, f"contact: {summary['contact']}")
         status = context.table("visual.csv")[0].index("status")
-        # ten bodies that land at once may be too much for the contact solver; what follows must hold all the same
-        known = {"ok", "contact_not_converged"} if name == "pile" else {"ok"}
-        expect({row[status] for row in context.table("visual.csv")[1]} <= known, "a step was not ok")
+        expect({row[status] for row in context.table("visual.csv")[1]} == {"ok"}, "a step was not ok")
         check_report(context.out / "report.html")
         expect((context.out / "picture-1.png").stat().st_size > 1000, "the picture is missing or empty")
 
@@ -399,7 +407,7 @@ def view_serves_its_page_and_messages(context):
         expect(status == 200 and b"<!doctype html" in page.lower(), f"the page: {status}, {page[:60]!r}")
         for name in ("app.js", "app.css", "icon.svg"):
             expect(served.get(name)[0] == 200, f"/{name} is missing")
-        expect(b'"mode":"live"' in served.get("session.json")[1], "/session.json does not say live")
+        expect(b'"mode":"view"' in served.get("session.json")[1], "/session.json does not say view")
         expect(served.get("nothing")[0] == 404, "what is not there was found")
         expect(served.get("", Host="evil.example")[0] == 403, "a foreign host was served")
         with socket.create_connection(("127.0.0.1", served.port), timeout=20) as s:

@@ -10,6 +10,8 @@
 namespace palpate {
 namespace {
 
+using namespace test;
+
 Eigen::Affine3d shifted(const Vec3& d) { return affine(Mat3::Identity(), d); }
 
 TEST(Inside, AgreesWithTheBoxItself) {

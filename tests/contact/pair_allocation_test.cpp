@@ -16,8 +16,10 @@
 namespace palpate {
 namespace {
 
+using namespace test;
+
 TEST(SurfacePairsAllocation, NoneInSteadyState) {
-  if (PALPATE_COUNTS_MALLOC == 0) GTEST_SKIP() << "malloc belongs to the sanitizer";
+  if (!kCountsMalloc) GTEST_SKIP() << "malloc belongs to the sanitizer";
   CollisionSurface a(sphereSurface(0.03, 4)), b(sphereSurface(0.03, 4));
   const SelfExclusion exclusion;
   SurfacePairFinder finder;
@@ -77,7 +79,7 @@ VecX bentToRing(const SimulationMesh& bar, double gap) {
 // Two soft spheres pressed on each other and a bar bent until its ends meet, as a step asks for them: all positions
 // computed beforehand.
 TEST(SurfaceContactsAllocation, NoneInSteadyState) {
-  if (PALPATE_COUNTS_MALLOC == 0) GTEST_SKIP() << "malloc belongs to the sanitizer";
+  if (!kCountsMalloc) GTEST_SKIP() << "malloc belongs to the sanitizer";
   constexpr int kSteps = 14;
   const SimulationMesh sphere = softSphere();
   const SimulationMesh bar = barMesh(Vec3(kBarLength, 0.02, 0.01), {30, 4, 2});
@@ -99,7 +101,7 @@ TEST(SurfaceContactsAllocation, NoneInSteadyState) {
       for (Eigen::Index k = 0; k < placed->back()[2].size(); k += 3)
         placed->back()[2][k] += 0.5;  // away from the others
   }
-  const SurfaceContactSettings settings;
+  const ContactSettings settings;
   std::vector<Contact> found;
   size_t between = 0, within = 0;
   const auto step = [&](int i) {
@@ -126,7 +128,7 @@ TEST(SurfaceContactsAllocation, NoneInSteadyState) {
 }
 
 TEST(ContactFinderAllocation, NoneInSteadyState) {
-  if (PALPATE_COUNTS_MALLOC == 0) GTEST_SKIP() << "malloc belongs to the sanitizer";
+  if (!kCountsMalloc) GTEST_SKIP() << "malloc belongs to the sanitizer";
   constexpr int kSteps = 10;
   const SimulationMesh sphere = softSphere();
   const ContactFinder finder(sphere);

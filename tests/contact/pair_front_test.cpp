@@ -14,6 +14,8 @@
 namespace palpate {
 namespace {
 
+using namespace test;
+
 auto valuesOf(const FeaturePair& p) {
   return std::tuple(p.kind, p.first_feature, p.second_feature, p.hit, p.toi, p.start_distance, p.end_distance,
                     p.normal.x(), p.normal.y(), p.normal.z());
@@ -145,7 +147,7 @@ TEST(PairFront, BodiesOfAWorldStepByStep) {
   friction.setBody(1, 0.5);
   friction.setObstacle(0, 0.5);
   SurfaceContacts kept = surfaces();
-  const SurfaceContactSettings settings;
+  const ContactSettings settings;
   VecX a = positions(Vec3(0, 0, 0.037), 0), b = positions(Vec3(0, 0.002, 0.099), 0);
   size_t found = 0;
   for (int step = 0; step < 60; ++step) {

@@ -14,6 +14,8 @@
 namespace palpate {
 namespace {
 
+using namespace test;
+
 using Kind = FeaturePair::Kind;
 const double kPi = 3.14159265358979323846;
 const Eigen::Affine3d kHere = Eigen::Affine3d::Identity();

@@ -21,11 +21,10 @@ HandleModel softModel() {
   return model;
 }
 
-std::vector<TickRecord> run(Device& device, int ticks, SimulatedDevice* pushed) {
+std::vector<TickRecord> run(Device& device, int ticks) {
   HapticLoop loop{HapticSettings{}};
   const HandleModel model = softModel();
-  const Vec6 start = loop.start(Pose{}, Pose{}, 0.0);
-  if (pushed) pushed->startInEquilibrium(start);
+  device.begin(loop.start(Pose{}, Pose{}, 0.0));
   std::vector<TickRecord> records;
   for (int i = 0; i < ticks; ++i) {
     records.push_back(loop.tick(device.sample(i * kDt), &model, i * kDt));
@@ -37,8 +36,8 @@ std::vector<TickRecord> run(Device& device, int ticks, SimulatedDevice* pushed) 
 TEST(RecordedDevice, ReplaysToTheBit) {
   const Path path({{0.0, Vec3::Zero(), Vec3::Zero()}, {0.2, Vec3(0.01, 0.02, -0.01), Vec3(0.3, -0.4, 0.8)}},
                   Interpolation::smooth);
-  SimulatedDevice live(SimulatedDeviceSettings{}, path, Pose{});
-  const std::vector<TickRecord> original = run(live, 300, &live);
+  SimulatedDevice moved(SimulatedDeviceSettings{}, path, Pose{});
+  const std::vector<TickRecord> original = run(moved, 300);
 
   MotionRecording recording;
   recording.has_twist = true;
@@ -46,7 +45,7 @@ TEST(RecordedDevice, ReplaysToTheBit) {
   std::stringstream file;
   writeMotion(file, recording);
   RecordedDevice replay(parseMotion(file.str(), "motion.csv"));
-  const std::vector<TickRecord> again = run(replay, 300, nullptr);
+  const std::vector<TickRecord> again = run(replay, 300);
   for (std::size_t i = 0; i < original.size(); ++i) {
     ASSERT_EQ(original[i].device.pose.position, again[i].device.pose.position) << i;
     ASSERT_EQ(original[i].device.pose.rotation.coeffs(), again[i].device.pose.rotation.coeffs()) << i;

@@ -27,7 +27,7 @@ Vec6 someWrench() {
 
 TEST(SimulatedDevice, HandCarriesTheLoadOfTheStart) {
   SimulatedDevice device(SimulatedDeviceSettings{}, Path(), somewhere());
-  device.startInEquilibrium(someWrench());
+  device.begin(someWrench());
   for (int i = 0; i < 1000; ++i) device.apply(someWrench(), i * kDt, kDt);
   const DeviceState state = device.sample(1.0);
   EXPECT_LT(poseDifference(state.pose, somewhere()).norm(), 1e-12);
@@ -88,7 +88,7 @@ TEST(SimulatedDevice, RestsInTheLoopFromTheFirstTick) {
   Pose proxy = somewhere();
   proxy.position.z() -= (1.0 + settings.proxy.mass * 9.81) / settings.link.stiffness;
   SimulatedDevice device(SimulatedDeviceSettings{}, Path(), somewhere());
-  device.startInEquilibrium(loop.start(somewhere(), proxy, 0.0));
+  device.begin(loop.start(somewhere(), proxy, 0.0));
   model.pose = proxy;
   model.kx = -500.0 * Mat6::Identity();
   model.kx.bottomRightCorner<3, 3>() = -0.5 * Mat3::Identity();
@@ -106,7 +106,7 @@ TEST(SimulatedDevice, HoldsAStiffContactWithoutBuzzing) {
   HapticLoop loop(settings);
   const Path path({{0.0, Vec3::Zero(), Vec3::Zero()}, {0.5, Vec3(0, 0, -0.01), Vec3::Zero()}}, Interpolation::smooth);
   SimulatedDevice device(SimulatedDeviceSettings{}, path, Pose{});
-  device.startInEquilibrium(loop.start(Pose{}, Pose{}, 0.0));
+  device.begin(loop.start(Pose{}, Pose{}, 0.0));
   HandleModel wall;
   wall.kx(2, 2) = -1e5;
   double late_motion = 0.0;

@@ -40,10 +40,7 @@ VecX mapped(const VecX& x, const Mat3& map, const Vec3& shift) {
   return y;
 }
 
-double energyAt(ElasticMesh fem, const VecX& x) {
-  fem.updateRotations(x);
-  return fem.energy(x);
-}
+double energyAt(const ElasticMesh& fem, const VecX& x) { return fem.energy(x, fem.stateAt(x)); }
 
 TEST(ElasticMesh, ForcesAreMinusTheEnergysGradientToSecondOrder) {
   const SimulationMesh mesh = smallBar();
@@ -52,9 +49,9 @@ TEST(ElasticMesh, ForcesAreMinusTheEnergysGradientToSecondOrder) {
   const VecX x = mapped(rest, expRotation({0.4, -1.0, 0.3}).toRotationMatrix(), {0.1, 0, 0}) +
                  randomVector(rest.size(), 0.004, 1);  // strains of about a fifth
   const VecX direction = randomVector(rest.size(), 1.0, 2);
-  fem.updateRotations(x);
+  const ElasticState state = fem.stateAt(x);
   VecX f;
-  fem.forces(x, f);
+  fem.forces(x, state, f);
   const double exact = -f.dot(direction);
   std::vector<double> errors;
   for (const double step : {1e-3, 5e-4, 2.5e-4, 1.25e-4}) {
@@ -74,12 +71,12 @@ TEST(ElasticMesh, StiffnessIsTheDifferenceOfForcesAtFixedRotations) {
   std::vector<int> rows(fem.nodes());
   std::iota(rows.begin(), rows.end(), 0);
   SymmetricBlockMatrix a = fem.pattern(rows);
-  fem.updateRotations(x);
-  fem.assemble(0.0, 1.0, a);
+  const ElasticState state = fem.stateAt(x);
+  fem.assemble(0.0, 1.0, state, a);
   const VecX d = randomVector(x.size(), 0.01, 4);
   VecX f0, f1;
-  fem.forces(x, f0);
-  fem.forces(x + d, f1);
+  fem.forces(x, state, f0);
+  fem.forces(x + d, state, f1);
   const VecX kd = a.multiply(d);
   EXPECT_LT((f0 - f1 - kd).norm(), 1e-12 * kd.norm());
 }
@@ -92,7 +89,7 @@ TEST(ElasticMesh, AssemblyAgreesWithTheDenseTextbook) {
   ElasticMesh fem(mesh, material);
   const VecX x = mapped(restPositions(mesh), expRotation({1.0, 0.5, -0.2}).toRotationMatrix(), {0, 0, 0}) +
                  randomVector(3 * fem.nodes(), 0.003, 5);
-  fem.updateRotations(x);
+  const ElasticState state = fem.stateAt(x);
   const double e = material.youngs_modulus;
   const double nu = material.poisson_ratio;
   Eigen::Matrix<double, 6, 6> hooke = Eigen::Matrix<double, 6, 6>::Zero();
@@ -113,7 +110,7 @@ TEST(ElasticMesh, AssemblyAgreesWithTheDenseTextbook) {
       b.middleCols<3>(3 * k) << g.x(), 0, 0, 0, g.y(), 0, 0, 0, g.z(), g.y(), g.x(), 0, 0, g.z(), g.y(), g.z(), 0,
           g.x();
     }
-    const Mat3 r = fem.elements()[n].rotation;
+    const Mat3 r = state.rotations[n];
     Eigen::Matrix<double, 12, 12> turn = Eigen::Matrix<double, 12, 12>::Zero();
     for (int k = 0; k < 4; ++k) turn.block<3, 3>(3 * k, 3 * k) = r;
     const Eigen::Matrix<double, 12, 12> ke = volume * turn * b.transpose() * hooke * b * turn.transpose();
@@ -128,7 +125,7 @@ TEST(ElasticMesh, AssemblyAgreesWithTheDenseTextbook) {
     if (i % 5 != 2) rows[i] = count++;
   }
   SymmetricBlockMatrix a = fem.pattern(rows);
-  fem.assemble(1.5, 0.25, a);
+  fem.assemble(1.5, 0.25, state, a);
   MatX result(3 * count, 3 * count);
   for (int k = 0; k < 3 * count; ++k) result.col(k) = a.multiply(VecX::Unit(3 * count, k));
   double worst = 0;
@@ -153,43 +150,56 @@ TEST(ElasticMesh, RigidMotionGivesNoForceAndNoEnergy) {
   for (int n = 0; n < 20; ++n) {
     const Mat3 r = expRotation({angle(random), angle(random), angle(random)}).toRotationMatrix();
     const VecX x = mapped(rest, r, Vec3(angle(random), angle(random), angle(random)));
-    fem.updateRotations(x);
+    const ElasticState state = fem.stateAt(x);
     VecX f;
-    fem.forces(x, f);
+    fem.forces(x, state, f);
     EXPECT_LT(f.cwiseAbs().maxCoeff(), 1e-11 * scale);
-    EXPECT_LT(fem.energy(x), 1e-20 * scale + 1e-24);
+    EXPECT_LT(fem.energy(x, state), 1e-20 * scale + 1e-24);
   }
 }
 
-// What energyAt() keeps is used where it holds, and nowhere else.
+// What energyAt() finds ahead is what would be found anew, to the bit.
 TEST(ElasticMesh, ForcesFoundAheadAreThoseFoundAnew) {
   const SimulationMesh mesh = smallBar();
-  ElasticMesh ahead(mesh, {}), fresh(mesh, {});
+  const ElasticMesh fem(mesh, {});
   std::mt19937 random(8);
   std::normal_distribution<double> normal;
   const VecX rest = restPositions(mesh);
   const auto bent = [&] { return VecX(rest + VecX::NullaryExpr(rest.size(), [&] { return 0.002 * normal(random); })); };
-  const auto expectSame = [&](const VecX& x) {
-    VecX f, expected;
-    ahead.forces(x, f);
-    fresh.forces(x, expected);
-    EXPECT_EQ(f, expected);
-  };
-  const VecX x = bent(), other = bent();
-  ahead.energyAt(x);
-  expectSame(x);  // the rotations in use are still those of rest
-  ahead.updateRotations(x);
-  fresh.updateRotations(x);
-  expectSame(x);
-  expectSame(other);
-  ahead.energyAt(other);
-  expectSame(x);
-  ahead.updateRotations(other);
-  fresh.updateRotations(other);
-  expectSame(other);
-  ahead.scaleStiffness(2.0);
-  fresh.scaleStiffness(2.0);
-  expectSame(other);
+  ElasticState state = fem.stateAt(rest);
+  ElasticAhead ahead;
+  for (int n = 0; n < 3; ++n) {
+    const VecX x = bent();
+    state.stiffness_scale = n + 1.0;
+    const double energy = fem.energyAt(x, state, ahead);
+    EXPECT_TRUE(ahead.isFor(x));
+    EXPECT_FALSE(ahead.isFor(bent()));
+    fem.updateRotations(x, state);
+    VecX f;
+    fem.forces(x, state, f);
+    EXPECT_EQ(f, ahead.forces);
+    EXPECT_TRUE(state.rotations == ahead.rotations);
+    EXPECT_DOUBLE_EQ(energy, fem.energy(x, state));
+    ahead.clear();
+    EXPECT_FALSE(ahead.isFor(x));
+  }
+}
+
+// Forces, energy and K are those of a body of a stiffer material.
+TEST(ElasticMesh, StiffnessScaleIsThatOfTheMaterial) {
+  const SimulationMesh mesh = smallBar();
+  Material stiffer;
+  stiffer.youngs_modulus *= 3.0;
+  const ElasticMesh soft(mesh, {}), stiff(mesh, stiffer);
+  const VecX x = restPositions(mesh) + randomVector(3 * soft.nodes(), 0.003, 9);
+  ElasticState scaled = soft.stateAt(x);
+  scaled.stiffness_scale = 3.0;
+  const ElasticState own = stiff.stateAt(x);
+  VecX f, expected;
+  soft.forces(x, scaled, f);
+  stiff.forces(x, own, expected);
+  EXPECT_LT((f - expected).norm(), 1e-14 * expected.norm());
+  EXPECT_NEAR(soft.energy(x, scaled), stiff.energy(x, own), 1e-14 * stiff.energy(x, own));
 }
 
 // Patch test: x = R S X with S symmetric gives each element the same stress, so interior nodes feel no force and a
@@ -203,9 +213,9 @@ TEST(ElasticMesh, PatchTestGivesConstantStress) {
   stretch << 1.15, 0.05, -0.02, 0.05, 0.9, 0.03, -0.02, 0.03, 1.02;
   const Mat3 r = expRotation({0.3, 2.0, -0.4}).toRotationMatrix();
   const VecX x = mapped(restPositions(mesh), r * stretch, {0.2, 0.1, 0});
-  fem.updateRotations(x);
+  const ElasticState state = fem.stateAt(x);
   VecX f;
-  fem.forces(x, f);
+  fem.forces(x, state, f);
   const double nu = material.poisson_ratio;
   const double lame = material.youngs_modulus * nu / ((1 + nu) * (1 - 2 * nu));
   const double shear = material.youngs_modulus / (2 * (1 + nu));
@@ -264,9 +274,9 @@ TEST(ElasticMesh, LayeredBarIsSpringsInSeries) {
   };
   VecX x = restPositions(mesh);
   for (Eigen::Index i = 2; i < x.size(); i += 3) x[i] += shift(x[i]);
-  fem.updateRotations(x);
+  const ElasticState state = fem.stateAt(x);
   VecX f;
-  fem.forces(x, f);
+  fem.forces(x, state, f);
   const double area = kSize.x() * kSize.y();
   double top = 0, bottom = 0, elsewhere = 0;
   for (int i = 0; i < fem.nodes(); ++i) {
@@ -284,7 +294,7 @@ TEST(ElasticMesh, LayeredBarIsSpringsInSeries) {
   EXPECT_LT(elsewhere, 1e-10 * std::abs(stress) * area);
   double compliance = 0;  // energy is half the force times the shortening
   for (const double e : young) compliance += thickness / (e * area);
-  EXPECT_NEAR(fem.energy(x), 0.5 * std::pow(stress * area, 2) * compliance, 1e-10 * fem.energy(x));
+  EXPECT_NEAR(fem.energy(x, state), 0.5 * std::pow(stress * area, 2) * compliance, 1e-10 * fem.energy(x, state));
 }
 
 TEST(ElasticMesh, MassIsTheSumOfTheParts) {

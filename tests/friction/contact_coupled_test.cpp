@@ -9,52 +9,27 @@
 
 #include "shared/contact_rivals.h"
 #include "shared/coupled_problems.h"
+#include "shared/solved_contacts.h"
 
 namespace palpate {
 namespace {
 
-using testing::Assembly;
-using testing::CoupledProblem;
-using testing::CoupledScene;
-using testing::Coupling;
-using testing::OwnedProblem;
-using Status = std::vector<ContactStatus>;
-
-std::vector<FrictionCone> bothCones() { return {{false, 8}, {true, 8}}; }
-
-double speed(const OwnedProblem& p) {
-  return std::max(p.free.lpNorm<Eigen::Infinity>(), p.bias.lpNorm<Eigen::Infinity>());
-}
-
-struct Solution {
-  VecX lambda;
-  Status status;
-  ContactSolverReport report;
-  VecX w;
-};
-
-Solution solve(const OwnedProblem& p, const ContactSolverSettings& settings = {}) {
-  Solution s;
-  ContactSolver solver;
-  s.report = solver.solve(p.view(), settings, s.lambda, s.status);
-  s.w = p.delassus * s.lambda + p.free;
-  return s;
-}
+using namespace test;
 
 /// What a step may rely on whether the solve converged or not.
 void expectSafe(const OwnedProblem& p, const Solution& s) {
-  const double slack = 1.01e-10 * speed(p);
+  const double slack = 1.01e-10 * velocityScale(p);
   ASSERT_TRUE(s.lambda.allFinite());
   // in a jam the impulses can be enormous, and so is the rounding of W lambda
   const double rounding = 1e-14 * p.delassus.lpNorm<Eigen::Infinity>() * s.lambda.lpNorm<1>();
-  EXPECT_NEAR(s.report.residual, contactResidual(p.view(), s.lambda), 1e-12 * speed(p) + rounding);
+  EXPECT_NEAR(s.report.residual, contactResidual(p.view(), s.lambda), 1e-12 * velocityScale(p) + rounding);
   double pushed = 0.0;
   for (int i = 0; i < p.contacts(); ++i) {
     const double n = s.lambda[3 * i], radius = p.friction[i] * n;
     const Eigen::Vector2d t = s.lambda.segment<2>(3 * i + 1);
     EXPECT_GE(n, 0.0) << "pulls";
     EXPECT_LE((t - rivals::nearestInSection(p.cone, radius, t)).norm(), 1e-12 * radius) << "outside the cone";
-    EXPECT_LE(t.dot(s.w.segment<2>(3 * i + 1)), (slack + rounding) * t.norm() + 1e-15 * n * speed(p))
+    EXPECT_LE(t.dot(s.w.segment<2>(3 * i + 1)), (slack + rounding) * t.norm() + 1e-15 * n * velocityScale(p))
         << "friction drives " << i;
     pushed += n * std::max(0.0, p.bias[i]);
     EXPECT_EQ(s.status[i].state == ContactState::open, n == 0.0);
@@ -64,7 +39,7 @@ void expectSafe(const OwnedProblem& p, const Solution& s) {
 }
 
 TEST(CoupledContact, EveryIterateIsSafe) {
-  for (const auto& [kind, name] : testing::allCouplings()) {
+  for (const auto& [kind, name] : allCouplings()) {
     for (const FrictionCone& cone : bothCones()) {
       for (const double mu : {0.5, 5.0}) {
         CoupledScene scene;
@@ -103,7 +78,7 @@ TEST(CoupledContact, NonsenseAsWarmStartIsMadeSafe) {
 
 TEST(CoupledContact, MassRatiosAndWedgesConverge) {
   for (const FrictionCone& cone : bothCones()) {
-    for (const auto& [kind, name] : testing::allCouplings()) {
+    for (const auto& [kind, name] : allCouplings()) {
       SCOPED_TRACE(name);
       CoupledScene scene;
       scene.kind = kind;
@@ -214,7 +189,7 @@ TEST(CoupledContact, SeparatePartsAreSolvedAsIfAlone) {
     for (int k = 0; k < 3; ++k) {
       const Solution s = solve(alone[k]);
       for (int i = 0; i < m; ++i) {
-        EXPECT_LT((together.w.segment<3>(3 * (3 * i + k)) - s.w.segment<3>(3 * i)).norm(), 1e-8 * speed(all));
+        EXPECT_LT((together.w.segment<3>(3 * (3 * i + k)) - s.w.segment<3>(3 * i)).norm(), 1e-8 * velocityScale(all));
       }
     }
     ContactSolver solver;  // and a solution given back is returned as it is
@@ -257,7 +232,7 @@ TEST(ContactRivals, GiveTheSameVelocities) {
     const auto expectSame = [&](const rivals::Outcome& o, double accuracy, const char* name) {
       SCOPED_TRACE(name);
       EXPECT_LE(o.residual, accuracy);
-      EXPECT_LT((p.delassus * o.lambda + p.free - s.w).norm(), 1e3 * accuracy * speed(p));
+      EXPECT_LT((p.delassus * o.lambda + p.free - s.w).norm(), 1e3 * accuracy * velocityScale(p));
     };
     expectSame(rivals::projectedGaussSeidel(p.view(), 1e-8, 5000), 1e-8, "projected Gauss-Seidel");
     expectSame(rivals::nonsmoothNewton(p.view(), 1e-8, 100), 1e-8, "nonsmooth Newton");

@@ -8,29 +8,19 @@
 #include <string>
 
 #include "shared/coupled_problems.h"
+#include "shared/solved_contacts.h"
 
 namespace palpate {
 namespace {
 
-using testing::Assembly;
-using testing::CoupledProblem;
-using testing::CoupledScene;
-using testing::Coupling;
-using testing::Lattice;
-using testing::OwnedProblem;
-
-std::vector<FrictionCone> bothCones() { return {{false, 8}, {true, 8}}; }
+using namespace test;
 
 /// Residual of a cold solve, relative to the largest velocity.
 double solvedTo(const OwnedProblem& p, const ContactSolverSettings& settings = {}) {
-  VecX lambda;
-  std::vector<ContactStatus> status;
-  ContactSolver solver;
-  const ContactSolverReport report = solver.solve(p.view(), settings, lambda, status);
-  EXPECT_TRUE(lambda.allFinite());
-  const double scale = std::max(p.free.lpNorm<Eigen::Infinity>(), p.bias.lpNorm<Eigen::Infinity>());
-  const double residual = contactResidual(p.view(), lambda) / scale;
-  EXPECT_EQ(report.converged, residual <= std::max(settings.tolerance, settings.acceptable) * (1.0 + 1e-6));
+  const Solution s = solve(p, settings);
+  EXPECT_TRUE(s.lambda.allFinite());
+  const double residual = contactResidual(p.view(), s.lambda) / velocityScale(p);
+  EXPECT_EQ(s.report.converged, residual <= std::max(settings.tolerance, settings.acceptable) * (1.0 + 1e-6));
   return residual;
 }
 

@@ -1,7 +1,6 @@
 // The haptic tick must not allocate. Counts calls of malloc itself, so that it sees whatever is underneath.
 #include <gtest/gtest.h>
 
-#include <atomic>
 #include <cstdlib>
 #include <limits>
 #include <random>
@@ -18,23 +17,15 @@
 namespace palpate {
 namespace {
 
-int allocationsIn(const auto& work) {
-  allocations = 0;
-  counting = true;
-  work();
-  counting = false;
-  return allocations;
-}
-
 class Allocation : public ::testing::Test {
  protected:
   void SetUp() override {
-    if (!PALPATE_COUNTS_MALLOC) GTEST_SKIP() << "malloc belongs to a sanitizer here";
+    if (!test::kCountsMalloc) GTEST_SKIP() << "malloc belongs to a sanitizer here";
   }
 };
 
 TEST_F(Allocation, TheCounterCounts) {
-  EXPECT_GE(allocationsIn([] {
+  EXPECT_GE(test::allocationsIn([] {
               void* volatile memory = std::malloc(10);
               std::free(memory);
             }),
@@ -42,7 +33,7 @@ TEST_F(Allocation, TheCounterCounts) {
   struct alignas(64) Wide {
     double values[8];
   };
-  EXPECT_GE(allocationsIn([] {
+  EXPECT_GE(test::allocationsIn([] {
               Wide* volatile wide = new Wide;
               delete wide;
             }),
@@ -53,8 +44,8 @@ TEST_F(Allocation, NoneInATick) {
   std::mt19937 random(1);
   std::vector<HandleModel> models(50);
   for (HandleModel& model : models) {
-    model.kx = testing::randomMatrix(random, 1e5, 0.03);  // active: projections as well
-    model.kv = testing::randomMatrix(random, 1e3, 0.03);
+    model.kx = test::randomMatrix(random, 1e5, 0.03);  // active: projections as well
+    model.kv = test::randomMatrix(random, 1e3, 0.03);
   }
   models[7].force[0] = std::numeric_limits<double>::quiet_NaN();
   PathKey there;
@@ -71,8 +62,8 @@ TEST_F(Allocation, NoneInATick) {
   LatestValue<HandleModel> exchange;
   RecordQueue<TickRecord> queue(100);
   DurationHistogram times;
-  const int count = allocationsIn([&] {
-    device.startInEquilibrium(loop.start(Pose{}, Pose{}, 0.0));
+  const int count = test::allocationsIn([&] {
+    device.begin(loop.start(Pose{}, Pose{}, 0.0));
     for (int i = 0; i < 1000; ++i) {
       if (i % 20 == 0) exchange.write(models[static_cast<std::size_t>(i / 20)]);
       const double now = i * 0.001;

@@ -95,6 +95,7 @@ TEST(RecordQueue, LosesNothingButWhatItCounts) {
   writer.join();
   drain();
   EXPECT_TRUE(ordered);
+  EXPECT_GE(received, 64u);  // a full queue has room for as many
   EXPECT_EQ(received + queue.dropped(), kCount);
 }
 

@@ -12,10 +12,10 @@
 namespace palpate {
 namespace {
 
-using testing::deviceAt;
-using testing::randomMatrix;
-using testing::randomPose;
-using testing::randomVec6;
+using test::deviceAt;
+using test::randomMatrix;
+using test::randomPose;
+using test::randomVec6;
 
 constexpr double kDt = 0.001;
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
@@ -62,9 +62,9 @@ TEST(HapticLoop, CompensatesTheWeightAndItsMoment) {
   EXPECT_LT(record.sent.norm(), 1e-4);
 }
 
-TEST(HapticLoop, VisualCouplingPullsToTheNewestVisualHandle) {
+TEST(HapticLoop, VirtualCouplingPullsToTheNewestVisualHandle) {
   HapticSettings settings;
-  settings.rendering = Rendering::visual_coupling;
+  settings.rendering = Rendering::virtual_coupling;
   HapticLoop loop(settings);
   loop.start(Pose{}, Pose{}, 0.0);
   const TickRecord first = loop.tick(DeviceState{}, nullptr, 0.0);
@@ -143,7 +143,7 @@ TEST(HapticLoop, BadModelsAreIgnoredUntilTheWatchdogActs) {
 TEST(HapticLoop, ViolentInputStaysWithinTheLimits) {
   std::mt19937 random(6);
   std::uniform_real_distribution<double> uniform(0.0, 1.0);
-  for (const Rendering rendering : {Rendering::linearized, Rendering::visual_coupling}) {
+  for (const Rendering rendering : {Rendering::linearized, Rendering::virtual_coupling}) {
     HapticSettings settings;
     settings.rendering = rendering;
     HapticLoop loop(settings);
@@ -167,8 +167,8 @@ TEST(HapticLoop, ViolentInputStaysWithinTheLimits) {
       ASSERT_TRUE(record.proxy.position.allFinite());
       ASSERT_LE(record.sent.head<3>().norm(), settings.safety.peak_force * (1 + 1e-12));
       ASSERT_LE(record.sent.tail<3>().norm(), settings.safety.peak_torque * (1 + 1e-12));
-      ASSERT_LE((record.sent - previous).head<3>().norm(), settings.safety.force_slew * kDt * (1 + 1e-9));
-      ASSERT_LE((record.sent - previous).tail<3>().norm(), settings.safety.torque_slew * kDt * (1 + 1e-9));
+      ASSERT_LE((record.sent - previous).head<3>().norm(), settings.safety.max_slew * kDt * (1 + 1e-9));
+      ASSERT_LE((record.sent - previous).tail<3>().norm(), settings.safety.max_torque_slew * kDt * (1 + 1e-9));
       previous = record.sent;
     }
   }
@@ -197,7 +197,7 @@ double rebound(double kd, double b, double k) {
   settings.link = {kd, 0.0, 1.0, 0.005};
   settings.proxy.mass = 0.01;
   settings.proxy.gravity.setZero();
-  settings.safety.peak_force = settings.safety.force_slew = std::numeric_limits<double>::infinity();
+  settings.safety.peak_force = settings.safety.max_slew = std::numeric_limits<double>::infinity();
   settings.safety.model_age_limit = 1e9;
   HapticLoop loop(settings);
   loop.start(Pose{}, Pose{}, 0.0);
@@ -230,7 +230,7 @@ TEST(HapticLoop, SampledWallTakesEnergyWithinColgatesBound) {
 
 TEST(PassivityObserver, CountsWhatAHeldForceDoes) {
   HapticSettings settings;
-  settings.rendering = Rendering::visual_coupling;
+  settings.rendering = Rendering::virtual_coupling;
   settings.link.damping = 0.0;
   HapticLoop loop(settings);
   loop.start(Pose{}, Pose{}, 0.0);

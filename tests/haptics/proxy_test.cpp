@@ -8,10 +8,10 @@
 namespace palpate {
 namespace {
 
-using testing::deviceAt;
-using testing::randomMatrix;
-using testing::randomPose;
-using testing::randomVec6;
+using test::deviceAt;
+using test::randomMatrix;
+using test::randomPose;
+using test::randomVec6;
 
 constexpr double kDt = 0.001;
 const LinkParameters kLink{700.0, 5.0, 1.0, 0.005};

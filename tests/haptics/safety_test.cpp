@@ -25,7 +25,7 @@ SafetyChain::Input input(const Vec6& w, double age = 0.0, double since_start = 1
 
 SafetySettings withoutSlew() {
   SafetySettings settings;
-  settings.force_slew = settings.torque_slew = std::numeric_limits<double>::infinity();
+  settings.max_slew = settings.max_torque_slew = std::numeric_limits<double>::infinity();
   return settings;
 }
 
@@ -72,8 +72,8 @@ TEST(Safety, DeviceWithoutTorqueGetsNone) {
 
 TEST(Safety, SlewIsLimitedAlongTheChange) {
   SafetySettings settings;
-  settings.force_slew = 100.0;
-  settings.torque_slew = 1.0;
+  settings.max_slew = 100.0;
+  settings.max_torque_slew = 1.0;
   SafetyChain chain(settings);
   chain.start(wrench(1, 0, 0));
   Vec6 previous = wrench(1, 0, 0);

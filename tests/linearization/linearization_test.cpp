@@ -4,28 +4,20 @@
 #include <gtest/gtest.h>
 
 #include "palpate/math/rotation.h"
-#include "palpate/mesh/shapes.h"
 #include "palpate/study/check.h"
+#include "shared/held_scenes.h"
 
 namespace palpate {
 namespace {
 
+using namespace test;
+
 // Soft 6 cm cube of 162 tetrahedra held at its top layer, bottom at z = 0.
 World heldCube(double friction, FrictionCone cone = {}) {
-  SimulationMesh mesh = barMesh({0.06, 0.06, 0.06}, {3, 3, 3});
   Material material;
   material.damping_alpha = 0.3;  // exercised, though off by default
-  std::vector<int> nodes;
-  std::vector<Vec3> positions;
-  std::vector<double> masses;
-  Body body("cube", mesh, material);
-  for (int i = 0; i < body.nodes(); ++i) {
-    if (mesh.mesh.nodes[i].z() < 0.06 - 1e-9) continue;
-    nodes.push_back(i);
-    positions.push_back(mesh.mesh.nodes[i]);
-    masses.push_back(body.elasticity().mass()[i]);
-  }
-  body.hold(makeHandle("top", nodes, positions, masses, 0.02, Vec3(1e-5, 2e-5, 3e-5), expRotation({0.3, -0.2, 0.1})));
+  BodyModel body("cube", barMesh({0.06, 0.06, 0.06}, {3, 3, 3}), material);
+  holdNodes(body, [](const Vec3& p) { return p.z() > 0.06 - 1e-9; });
   World world;
   world.link = {700, 2, 1.0, 0.01};
   world.contact.cone = cone;
@@ -51,7 +43,7 @@ TEST_P(Linearization, AgreesWithCentralDifferences) {
   FrictionCone cone;
   cone.exact = regime.exact;
   World world = heldCube(regime.friction, cone);
-  const Pose start = world.tool().handle().pose;
+  const Pose start = world.tool().state.handle.pose;
   const double h = 0.01;
   DeviceTarget target{start, regime.speed};
   for (int i = 1; i <= regime.steps; ++i) {

@@ -2,16 +2,17 @@
 
 #include "palpate/mesh/embed_surface.h"
 #include "palpate/mesh/surface_io.h"
+#include "shared/bunny.h"
 #include "shared/surface_tools.h"
 
 namespace palpate {
 namespace {
 
-const char* const kBunnyPath = "/usr/share/glmark2/models/bunny.obj";
+using namespace test;
 
 const Surface& bunny() {
   // readSurface says which file is missing: it comes from the package glmark2-data.
-  static const Surface s = readSurface(kBunnyPath);
+  static const Surface s = readSurface(kBunnyFile);
   return s;
 }
 

@@ -6,7 +6,6 @@
 #include <filesystem>
 #include <fstream>
 
-#include "mesh_commands.h"
 #include "palpate/common/error.h"
 #include "palpate/mesh/shapes.h"
 #include "palpate/mesh/surface_io.h"
@@ -184,23 +183,6 @@ TEST(TetrahedralIo, ReadsGmshAndTetGenAndTurnsInvertedOnes) {
   EXPECT_THROW(readTetGen("1 3\n0 0 0 0\n", "1 4\n0 0 0 0 7\n", "d"), InputError);
   EXPECT_THROW(readGmsh("$MeshFormat\n2.2 1 8\n", "e"), InputError);
   EXPECT_THROW(readVtk("# vtk\nx\nBINARY\n", "f"), InputError);
-}
-
-TEST(MeshCommands, MakeInfoAndEmbedOneAfterTheOther) {
-  const std::string ball = scratch("made.ply");
-  EXPECT_EQ(runMeshMake({"sphere", ball, 0.1, {1, 1, 1}}).triangles, 8192);
-  const InfoSummary info = runMeshInfo(ball);
-  EXPECT_TRUE(info.repair.topology.closed());
-  EXPECT_NE(formatReport(info).find("Euler characteristic 2"), std::string::npos);
-  const std::string out = scratch("made.vtk");
-  const EmbedSummary embedded = runMeshEmbed({ball, 100, 0.05, out});
-  EXPECT_NEAR(embedded.embed.tetrahedra, 100, 20);
-  EXPECT_EQ(readTetrahedra(out).tetrahedra.size(), static_cast<size_t>(embedded.embed.tetrahedra));
-  EXPECT_NE(formatReport(embedded).find("worst element"), std::string::npos);
-  EXPECT_EQ(runMeshMake({"bar", scratch("bar2.vtk"), 0, {4, 3, 4}}).tetrahedra, 288);
-  EXPECT_THROW(runMeshMake({"teapot", scratch("teapot.obj"), 0, {1, 1, 1}}), InputError);
-  EXPECT_THROW(runMeshEmbed({ball, 100, 0, "mesh.txt"}), InputError);
-  EXPECT_THROW(runMeshEmbed({ball, 0, 0, ""}), InputError);
 }
 
 }  // namespace

@@ -14,6 +14,8 @@
 namespace palpate {
 namespace {
 
+using namespace test;
+
 constexpr double kPi = std::numbers::pi;
 
 TEST(SurfaceMeasures, BoxAwayFromTheOrigin) {

@@ -74,6 +74,7 @@ TEST(OneDModel, WallContactIsComplementary) {
     EXPECT_GE(result.wall_impulse, 0.0);
     EXPECT_EQ(result.wall_impulse * result.state.tool.x, 0.0);
   }
+  // neither side of the law is left out: a tenth of the starts at least on each
   EXPECT_GT(active, 200);
   EXPECT_LT(active, 1800);
 }

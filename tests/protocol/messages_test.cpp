@@ -13,6 +13,8 @@
 namespace palpate {
 namespace {
 
+using test::softCube;
+
 /// Reads a message as the page does, apart from the code that writes it.
 class Reader {
  public:
@@ -64,7 +66,7 @@ TEST(ViewerMessages, GeometryHoldsWhatTheSurfacesNeed) {
   ASSERT_EQ(in.u32(), 2u);
   ASSERT_EQ(in.u32(), 2u);
   for (int i = 0; i < 2; ++i) {
-    const SimulationMesh& mesh = scene.world.body(i).mesh();
+    const SimulationMesh& mesh = scene.world.body(i).model.mesh();
     const auto sizes = in.u32s(4);
     EXPECT_EQ(in.u32(), i == 0 ? 1u : 2u);
     ASSERT_EQ(sizes[0], mesh.mesh.nodes.size());
@@ -117,14 +119,14 @@ TEST(ViewerMessages, FrameHoldsTheStateAfterAStep) {
   EXPECT_EQ(in.u32s(4), (std::vector<std::uint32_t>{2, 2, 30, 9}));
   EXPECT_EQ(in.f64(), 0.6);
   in.f32s(14);
-  const Pose& handle = scene.world.tool().handle().pose;
+  const Pose& handle = scene.world.tool().state.handle.pose;
   EXPECT_LT((in.vec3() - handle.position).norm(), 1e-6);
   EXPECT_NEAR(in.f32(), handle.rotation.w(), 1e-6);
   in.f32s(3);
   EXPECT_EQ(in.vec6(), tick.sent);
   EXPECT_EQ(in.u32(), 0u);
   const std::uint32_t values = in.u32(), contacts = in.u32(), stresses = in.u32();
-  const VecX& x = scene.world.tool().positions();
+  const VecX& x = scene.world.tool().state.positions;
   ASSERT_EQ(values, x.size() + 12);
   EXPECT_EQ(stresses, values / 3);
   const auto nodes = in.f32s(values);
@@ -148,11 +150,11 @@ TEST(ViewerMessages, FrameHoldsTheStateAfterAStep) {
 // A bar pulled along one axis, laterally free: von Mises stress is Young's modulus times strain.
 TEST(ViewerMessages, StressOfUniaxialStrain) {
   BuiltScene scene = buildScene(softCube());
-  Body& tool = scene.world.tool();
-  Body::State state = tool.state();
+  const Body tool = scene.world.tool();
+  BodyState state = tool.state;
   const double strain = 1e-3, ratio = 0.4;
-  for (int n = 0; n < tool.nodes(); ++n) {
-    const Vec3& rest = tool.mesh().mesh.nodes[n];
+  for (int n = 0; n < tool.model.nodes(); ++n) {
+    const Vec3& rest = tool.model.mesh().mesh.nodes[n];
     state.x.segment<3>(3 * n) = rest.cwiseProduct(Vec3(1 + strain, 1 - ratio * strain, 1 - ratio * strain));
   }
   std::fill(state.rotations.begin(), state.rotations.end(), Mat3::Identity());
@@ -160,7 +162,7 @@ TEST(ViewerMessages, StressOfUniaxialStrain) {
   const StateReader reader(scene.world);
   SceneState out;
   reader.read(scene.world, 0.02, true, out);
-  for (int n = 0; n < tool.nodes(); ++n) EXPECT_NEAR(out.stress[n], 2e4 * strain, 2e-3 * 2e4 * strain);
+  for (int n = 0; n < tool.model.nodes(); ++n) EXPECT_NEAR(out.stress[n], 2e4 * strain, 2e-3 * 2e4 * strain);
 }
 
 TEST(ViewerMessages, SamplesHoldEveryRow) {

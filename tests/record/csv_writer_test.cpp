@@ -23,7 +23,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-class CsvWriterTest : public testing::Test {
+class CsvFiles : public testing::Test {
  protected:
   void SetUp() override { file_ = fs::temp_directory_path() / ("palpate-csv-" + std::to_string(::getpid()) + ".csv"); }
   void TearDown() override { fs::remove(file_); }
@@ -37,7 +37,7 @@ class CsvWriterTest : public testing::Test {
   fs::path file_;
 };
 
-TEST_F(CsvWriterTest, NumbersReadBackToTheBit) {
+TEST_F(CsvFiles, NumbersReadBackToTheBit) {
   std::mt19937_64 random(3);
   std::vector<double> values{0.0, -0.0, 0.1, 1e-5, 1.0 / 3.0, 5e-324, std::numeric_limits<double>::max()};
   while (values.size() < 20000) {
@@ -57,13 +57,13 @@ TEST_F(CsvWriterTest, NumbersReadBackToTheBit) {
   EXPECT_FALSE(std::getline(stream, line));
 }
 
-TEST_F(CsvWriterTest, NumbersAreShort) {
+TEST_F(CsvFiles, NumbersAreShort) {
   EXPECT_EQ(shortest(0.1), "0.1");
   EXPECT_EQ(shortest(3.0), "3");
   EXPECT_EQ(shortest(0.1 + 0.2), "0.30000000000000004");
 }
 
-TEST_F(CsvWriterTest, CellsOfSeveralKinds) {
+TEST_F(CsvFiles, CellsOfSeveralKinds) {
   CsvWriter csv(file_, {"a", "b", "c"});
   csv.cell(-3).cell("x").cell(0.5).endRow();
   csv.cell(std::uint64_t{7}).cell("a,b \"c\"").cell(std::nan("")).endRow();
@@ -71,16 +71,16 @@ TEST_F(CsvWriterTest, CellsOfSeveralKinds) {
   EXPECT_EQ(content(), "a,b,c\n-3,x,0.5\n7,\"a,b \"\"c\"\"\",nan\n");
 }
 
-TEST_F(CsvWriterTest, RaggedRowsAreMistakes) {
+TEST_F(CsvFiles, RaggedRowsAreMistakes) {
   CsvWriter csv(file_, {"a", "b"});
   EXPECT_THROW(csv.row(std::vector<double>{1.0}), std::logic_error);
 }
 
-TEST_F(CsvWriterTest, UnwritablePathIsAnInputError) {
+TEST_F(CsvFiles, UnwritablePathIsAnInputError) {
   EXPECT_THROW(CsvWriter("/nonexistent/folder/x.csv", {"a"}), InputError);
 }
 
-TEST_F(CsvWriterTest, AFullDiskIsARunError) {
+TEST_F(CsvFiles, AFullDiskIsARunError) {
   if (!fs::exists("/dev/full")) GTEST_SKIP();
   CsvWriter csv("/dev/full", {"a"});
   EXPECT_THROW(

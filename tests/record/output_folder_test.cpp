@@ -19,7 +19,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-class OutputFolderTest : public testing::Test {
+class OutputFolders : public testing::Test {
  protected:
   void SetUp() override {
     root_ = fs::temp_directory_path() / ("palpate-output-" + std::to_string(::getpid()));
@@ -37,7 +37,7 @@ class OutputFolderTest : public testing::Test {
   fs::path root_;
 };
 
-TEST_F(OutputFolderTest, FilesAppearTogetherAtCommit) {
+TEST_F(OutputFolders, FilesAppearTogetherAtCommit) {
   OutputFolder folder(root_);
   std::ofstream(folder.stage("a.txt")) << "a";
   std::ofstream(folder.stage("b.txt")) << "b";
@@ -48,7 +48,7 @@ TEST_F(OutputFolderTest, FilesAppearTogetherAtCommit) {
   EXPECT_EQ(entries(), 2);
 }
 
-TEST_F(OutputFolderTest, AFailedJobLeavesNothingAndSparesEarlierFiles) {
+TEST_F(OutputFolders, AFailedJobLeavesNothingAndSparesEarlierFiles) {
   fs::create_directories(root_);
   std::ofstream(root_ / "a.txt") << "earlier";
   {
@@ -59,13 +59,13 @@ TEST_F(OutputFolderTest, AFailedJobLeavesNothingAndSparesEarlierFiles) {
   EXPECT_EQ(entries(), 1);
 }
 
-TEST_F(OutputFolderTest, CommitMissesNoFile) {
+TEST_F(OutputFolders, CommitMissesNoFile) {
   OutputFolder folder(root_);
   folder.stage("never-written.csv");
   EXPECT_THROW(folder.commit(), RunError);
 }
 
-TEST_F(OutputFolderTest, UnusableFoldersAreInputErrors) {
+TEST_F(OutputFolders, UnusableFoldersAreInputErrors) {
   fs::create_directories(root_);
   std::ofstream(root_ / "file") << "x";
   for (const fs::path& path : {fs::path(), root_ / "file", root_ / "file" / "below", fs::path("/proc/palpate")}) {
@@ -78,7 +78,7 @@ TEST_F(OutputFolderTest, UnusableFoldersAreInputErrors) {
   }
 }
 
-TEST_F(OutputFolderTest, JsonKeepsItsOrderAndHasNoNan) {
+TEST_F(OutputFolders, JsonKeepsItsOrderAndHasNoNan) {
   fs::create_directories(root_);
   nlohmann::ordered_json json;
   json["zeta"] = 0.1;
@@ -89,7 +89,7 @@ TEST_F(OutputFolderTest, JsonKeepsItsOrderAndHasNoNan) {
   EXPECT_EQ(entries(), 1);
 }
 
-TEST_F(OutputFolderTest, JsonIntoAMissingFolderIsAnInputError) {
+TEST_F(OutputFolders, JsonIntoAMissingFolderIsAnInputError) {
   EXPECT_THROW(writeJson(root_ / "no" / "summary.json", nlohmann::ordered_json()), InputError);
 }
 

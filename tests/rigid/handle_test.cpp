@@ -27,8 +27,8 @@ TEST(Handle, OriginIsTheCenterOfMassAndNodesKeepTheirPlaces) {
   EXPECT_DOUBLE_EQ(h.attached_mass, 0.05);
   Vec3 moment = Vec3::Zero();
   for (int k = 0; k < 4; ++k) {
-    EXPECT_LT((h.nodePosition(k) - kPositions[k]).norm(), 1e-15);
-    moment += kMasses[k] * (kPositions[k] - h.pose.position);
+    EXPECT_LT((h.nodePosition(k, h.start.pose) - kPositions[k]).norm(), 1e-15);
+    moment += kMasses[k] * (kPositions[k] - h.start.pose.position);
   }
   EXPECT_LT(moment.norm(), 1e-16);
 }
@@ -36,26 +36,26 @@ TEST(Handle, OriginIsTheCenterOfMassAndNodesKeepTheirPlaces) {
 // Kinetic energy of the mass matrix = that of the points + the handle's own, for any twist and pose.
 TEST(Handle, MassMatrixGivesTheKineticEnergyOfThePoints) {
   Handle h = sampleHandle();
-  h.pose.rotation = expRotation({-0.4, 0.2, 1.2});
-  h.twist << 0.3, -0.1, 0.2, 2.0, -3.0, 1.0;
-  const Vec3 spin = h.pose.rotation.conjugate() * Vec3(h.twist.tail<3>());
-  double energy = 0.5 * 0.03 * h.twist.head<3>().squaredNorm() + 0.5 * spin.dot(kInertia.cwiseProduct(spin));
-  for (int k = 0; k < 4; ++k) energy += 0.5 * kMasses[k] * h.nodeVelocity(k).squaredNorm();
-  EXPECT_NEAR(0.5 * h.twist.dot(h.massMatrix() * h.twist), energy, 1e-14);
+  h.start.pose.rotation = expRotation({-0.4, 0.2, 1.2});
+  h.start.twist << 0.3, -0.1, 0.2, 2.0, -3.0, 1.0;
+  const Vec3 spin = h.start.pose.rotation.conjugate() * Vec3(h.start.twist.tail<3>());
+  double energy = 0.5 * 0.03 * h.start.twist.head<3>().squaredNorm() + 0.5 * spin.dot(kInertia.cwiseProduct(spin));
+  for (int k = 0; k < 4; ++k) energy += 0.5 * kMasses[k] * h.nodeVelocity(k, h.start).squaredNorm();
+  EXPECT_NEAR(0.5 * h.start.twist.dot(h.massMatrix(h.start.pose) * h.start.twist), energy, 1e-14);
 }
 
 TEST(Handle, JacobianIsTheDerivativeOfANodesPosition) {
   Handle h = sampleHandle();
-  const Pose pose = h.pose;
+  const Pose pose = h.start.pose;
   for (int k = 0; k < 4; ++k) {
-    const auto jacobian = h.jacobian(k);
+    const auto jacobian = h.jacobian(k, h.start.pose);
     for (int c = 0; c < 6; ++c) {
       const Vec6 d = 1e-6 * Vec6::Unit(c);
       const Vec3 slope = (advance(pose, d).apply(h.offsets[k]) - advance(pose, -d).apply(h.offsets[k])) / 2e-6;
       EXPECT_LT((jacobian.col(c) - slope).norm(), 1e-9);
     }
-    h.twist << 1, 2, 3, 4, 5, 6;
-    EXPECT_LT((h.nodeVelocity(k) - jacobian * h.twist).norm(), 1e-14);
+    h.start.twist << 1, 2, 3, 4, 5, 6;
+    EXPECT_LT((h.nodeVelocity(k, h.start) - jacobian * h.start.twist).norm(), 1e-14);
   }
 }
 
@@ -70,7 +70,7 @@ TEST(Handle, MasslessNodesAreCenteredOnTheirMiddle) {
   const Handle h = makeHandle("h", kNodes, kPositions, {0, 0, 0, 0}, 0.03, Vec3::Zero(), Quat::Identity());
   Vec3 middle = Vec3::Zero();
   for (const Vec3& p : kPositions) middle += 0.25 * p;
-  EXPECT_LT((h.pose.position - middle).norm(), 1e-15);
+  EXPECT_LT((h.start.pose.position - middle).norm(), 1e-15);
   EXPECT_GT(h.inertia.diagonal().minCoeff(), 0.0);
 }
 

@@ -18,7 +18,7 @@ std::string rejectedText(const std::string& text) {
 
 /// What the reader says to the full scene with one change.
 std::string rejectedChange(const std::string& from, const std::string& to) {
-  return rejectedText(replaced(full_scene, from, to));
+  return rejectedText(replaced(kFullScene, from, to));
 }
 
 void expectClose(const Vec3& actual, const Vec3& expected) {
@@ -26,7 +26,7 @@ void expectClose(const Vec3& actual, const Vec3& expected) {
 }
 
 TEST(SceneReader, ReadsTheRun) {
-  const SceneConfig scene = read(full_scene);
+  const SceneConfig scene = read(kFullScene);
   EXPECT_EQ(scene.name, "everything");
   EXPECT_EQ(scene.description, "all keys");
   expectClose(scene.gravity, {0.1, -0.2, -9.5});
@@ -44,19 +44,26 @@ TEST(SceneReader, ReadsTheRun) {
   EXPECT_TRUE(scene.weight_compensation);
 }
 
+TEST(SceneReader, PicturesLookFromWhereTheSceneSaysOrFromTheToolsFront) {
+  expectClose(read(kFullScene).viewFrom(), {0, -0.6, 0.8});
+  const Vec3 alien = Vec3(0.5, 0.95, 0.42).normalized();
+  expectClose(read(replaced(kFullScene, "view: {from: [0, -3, 4]}\n", "")).viewFrom(), alien);
+  expectClose(read(kSmallScene).viewFrom(), {-alien.x(), -alien.y(), alien.z()});
+}
+
 TEST(SceneReader, ReadsContactLinkDeviceAndSafety) {
-  const SceneConfig scene = read(full_scene);
-  EXPECT_TRUE(scene.contact.cone.exact);
-  EXPECT_EQ(scene.contact.cone.facets, 12);
+  const SceneConfig scene = read(kFullScene);
+  EXPECT_TRUE(scene.contact.settings.cone.exact);
+  EXPECT_EQ(scene.contact.settings.cone.facets, 12);
   EXPECT_EQ(scene.contact.friction, 0.7);
   EXPECT_EQ(scene.contact.thickness, 0.0006);
-  EXPECT_EQ(scene.contact.max_recovery_speed, 0.25);
-  EXPECT_EQ(scene.contact.margin, 0.004);
-  EXPECT_EQ(scene.contact.penetration_tolerance, 2e-5);
-  EXPECT_EQ(scene.contact.max_passes, 6);
-  EXPECT_FALSE(scene.contact.reduction);
-  EXPECT_EQ(scene.contact.solver.max_iterations, 500);
-  EXPECT_EQ(scene.contact.solver.tolerance, 1e-8);
+  EXPECT_EQ(scene.contact.settings.max_recovery_speed, 0.25);
+  EXPECT_EQ(scene.contact.settings.margin, 0.004);
+  EXPECT_EQ(scene.contact.settings.penetration_tolerance, 2e-5);
+  EXPECT_EQ(scene.contact.settings.max_passes, 6);
+  EXPECT_FALSE(scene.contact.settings.reduction);
+  EXPECT_EQ(scene.contact.settings.solver.max_iterations, 500);
+  EXPECT_EQ(scene.contact.settings.solver.tolerance, 1e-8);
   EXPECT_EQ(scene.link.stiffness, 600.0);
   EXPECT_EQ(scene.link.damping, 4.0);
   EXPECT_EQ(scene.link.rotational_stiffness, 0.9);
@@ -79,13 +86,20 @@ TEST(SceneReader, ReadsContactLinkDeviceAndSafety) {
   EXPECT_EQ(scene.device.limits.rotational_stiffness, 2.0);
   EXPECT_EQ(scene.device.limits.rotational_damping, 0.006);
   EXPECT_EQ(scene.device.limits.workspace_radius, 0.2);
-  EXPECT_EQ(scene.safety.max_slew, 500.0);
-  EXPECT_EQ(scene.safety.start_ramp, 0.3);
+  EXPECT_EQ(scene.safety.settings.max_slew, 500.0);
+  EXPECT_EQ(scene.safety.settings.start_ramp, 0.3);
   EXPECT_EQ(scene.safety.model_age_limit, 0.2);
 }
 
+TEST(SceneReader, LinkIsWhatTheDeviceAllowsButForItsOwnKeys) {
+  const SceneConfig scene = read(replaced(kFullScene, "damping: 4, ", ""));
+  EXPECT_EQ(scene.link.stiffness, 600.0);
+  EXPECT_EQ(scene.link.damping, 6.0);  // of the device's limits, which come later in the file
+  EXPECT_EQ(scene.link.rotational_stiffness, 0.9);
+}
+
 TEST(SceneReader, ReadsTheTool) {
-  const ToolConfig tool = read(full_scene).tool;
+  const ToolConfig tool = read(kFullScene).tool;
   EXPECT_EQ(tool.name, "tool");
   EXPECT_EQ(std::get<AlienShapeConfig>(tool.shape).height, 0.3);
   EXPECT_EQ(std::get<AlienShapeConfig>(tool.shape).resolution, 0.03);
@@ -102,7 +116,7 @@ TEST(SceneReader, ReadsTheTool) {
 }
 
 TEST(SceneReader, ReadsPartsWhichTakeOverWhatTheyLeaveOut) {
-  const MaterialConfig material = read(full_scene).tool.material;
+  const MaterialConfig material = read(kFullScene).tool.material;
   ASSERT_EQ(material.parts.size(), 2U);
   expectClose(std::get<HalfspaceRegionConfig>(material.parts[0].region).point, {0, 0, 0.2});
   EXPECT_EQ(material.parts[0].youngs_modulus, 5e4);
@@ -115,12 +129,12 @@ TEST(SceneReader, ReadsPartsWhichTakeOverWhatTheyLeaveOut) {
   // wherever the body's own values stand
   const std::string parts_first =
       "material: {parts: [{region: {sphere: {center: [0, 0, 0], radius: 1}}, youngs_modulus: 1}], density: 77}";
-  const SceneConfig scene = read(replaced(small_scene, "  handles:", "  " + parts_first + "\n  handles:"));
+  const SceneConfig scene = read(replaced(kSmallScene, "  handles:", "  " + parts_first + "\n  handles:"));
   EXPECT_EQ(scene.tool.material.parts[0].density, 77.0);
 }
 
 TEST(SceneReader, ReadsFrictionPairs) {
-  const ContactConfig contact = read(full_scene).contact;
+  const ContactConfig contact = read(kFullScene).contact;
   ASSERT_EQ(contact.pairs.size(), 3U);
   EXPECT_EQ(contact.pairs[0].first, "tool");
   EXPECT_EQ(contact.pairs[0].second, "ground");
@@ -131,13 +145,13 @@ TEST(SceneReader, ReadsFrictionPairs) {
 }
 
 TEST(SceneReader, ReadsAutomaticSubsteps) {
-  const SceneConfig scene = read(replaced(full_scene, "substeps: 3", "substeps: auto"));
+  const SceneConfig scene = read(replaced(kFullScene, "substeps: 3", "substeps: auto"));
   EXPECT_TRUE(scene.substeps_auto);
   EXPECT_EQ(scene.substeps, 1);
 }
 
 TEST(SceneReader, ReadsHandles) {
-  const ToolConfig tool = read(full_scene).tool;
+  const ToolConfig tool = read(kFullScene).tool;
   ASSERT_EQ(tool.handles.size(), 5U);
   EXPECT_EQ(tool.handle, "grip");
   EXPECT_EQ(&tool.chosenHandle(), &tool.handles[1]);
@@ -163,7 +177,7 @@ TEST(SceneReader, ReadsHandles) {
 }
 
 TEST(SceneReader, ReadsBodies) {
-  const SceneConfig scene = read(full_scene);
+  const SceneConfig scene = read(kFullScene);
   ASSERT_EQ(scene.bodies.size(), 7U);
   const FreeBodyConfig& cushion = scene.bodies[0];
   EXPECT_EQ(cushion.name, "cushion");
@@ -196,7 +210,7 @@ TEST(SceneReader, ReadsBodies) {
 }
 
 TEST(SceneReader, ReadsObstacles) {
-  const SceneConfig scene = read(full_scene);
+  const SceneConfig scene = read(kFullScene);
   ASSERT_EQ(scene.obstacles.size(), 5U);
   const auto& plane = std::get<PlaneObstacleConfig>(scene.obstacles[0].geometry);
   EXPECT_EQ(scene.obstacles[0].name, "ground");
@@ -221,7 +235,7 @@ TEST(SceneReader, ReadsObstacles) {
 }
 
 TEST(SceneReader, SmallSceneHasTheDefaultsOfItsStructs) {
-  const SceneConfig scene = read(small_scene);
+  const SceneConfig scene = read(kSmallScene);
   const SceneConfig defaults;
   EXPECT_EQ(scene.gravity, defaults.gravity);
   EXPECT_EQ(scene.duration, defaults.duration);
@@ -234,13 +248,16 @@ TEST(SceneReader, SmallSceneHasTheDefaultsOfItsStructs) {
   EXPECT_FALSE(scene.substeps_auto);
   EXPECT_TRUE(scene.tool.self_contact);
   EXPECT_FALSE(scene.contact.thickness.has_value());
-  EXPECT_EQ(scene.contact.max_recovery_speed, 0.5);
+  EXPECT_EQ(scene.contact.settings.max_recovery_speed, 0.5);
   EXPECT_TRUE(scene.contact.pairs.empty());
-  EXPECT_FALSE(scene.contact.cone.exact);
-  EXPECT_EQ(scene.contact.solver.tolerance, ContactSolverSettings{}.tolerance);
+  EXPECT_FALSE(scene.contact.settings.cone.exact);
+  EXPECT_EQ(scene.contact.settings.solver.tolerance, ContactSolverSettings{}.tolerance);
   EXPECT_EQ(scene.device.kind, DeviceName::simulated);
   EXPECT_EQ(scene.device.limits.peak_force, DeviceLimits{}.peak_force);
-  EXPECT_FALSE(scene.link.stiffness || scene.safety.max_slew || scene.device.mass || scene.tool.friction);
+  EXPECT_EQ(scene.link.stiffness, DeviceLimits{}.stiffness);
+  EXPECT_EQ(scene.safety.settings.max_slew, SafetySettings{}.max_slew);
+  EXPECT_EQ(scene.device.mass, SimulatedDeviceSettings{}.mass);
+  EXPECT_FALSE(scene.safety.model_age_limit || scene.tool.friction);
   EXPECT_EQ(scene.tool.handle, "top");
   EXPECT_TRUE(scene.tool.chosenHandle().hand.keyframes.empty());
   EXPECT_TRUE(scene.tool.chosenHandle().hand.smooth);
@@ -255,7 +272,7 @@ TEST(SceneReader, NumbersReadToTheLastDigit) {
                                                    {"2.5E+1", 25.0},
                                                    {"7.", 7.0},
                                                    {"1.7976931348623157", 1.7976931348623157}}) {
-    EXPECT_EQ(read(small_scene + "duration: " + text).duration, value) << text;
+    EXPECT_EQ(read(kSmallScene + "duration: " + text).duration, value) << text;
   }
 }
 
@@ -278,7 +295,7 @@ TEST(SceneReader, UnknownKeysGetTheNearestKnownOne) {
       "s.yaml: tool.handles.grip.hand (line 53): unknown key \"key_frames\"; the nearest known key is \"keyframes\"");
   EXPECT_EQ(rejectedChange("{alien:", "{allien:"),
             "s.yaml: tool.shape (line 29): unknown key \"allien\"; the nearest known key is \"alien\"");
-  const std::string strange = rejectedText(small_scene + "\"a\\nb" + std::string(500, 'x') + "\": 1\n");
+  const std::string strange = rejectedText(kSmallScene + "\"a\\nb" + std::string(500, 'x') + "\": 1\n");
   EXPECT_EQ(strange.find('\n'), std::string::npos);
   EXPECT_LT(strange.size(), 200U);
 }
@@ -488,14 +505,14 @@ TEST(SceneReader, RejectsTooManyOfAnything) {
     for (int i = 0; i < count; ++i) text += (i > 0 ? ", " : "") + item;
     return text + "]";
   };
-  EXPECT_NE(rejectedText(small_scene + "obstacles: " + list("{plane: {}}", 1001)).find("at most 1000"),
+  EXPECT_NE(rejectedText(kSmallScene + "obstacles: " + list("{plane: {}}", 1001)).find("at most 1000"),
             std::string::npos);
-  EXPECT_NE(rejectedText(small_scene + "bodies: " + list("{shape: {alien: {}}}", 101)).find("at most 100"),
+  EXPECT_NE(rejectedText(kSmallScene + "bodies: " + list("{shape: {alien: {}}}", 101)).find("at most 100"),
             std::string::npos);
   EXPECT_NE(
-      rejectedText(small_scene + "      hand: {keyframes: " + list("{t: 1}", 10001) + "}\n").find("at most 10000"),
+      rejectedText(kSmallScene + "      hand: {keyframes: " + list("{t: 1}", 10001) + "}\n").find("at most 10000"),
       std::string::npos);
-  std::string many_handles = small_scene;
+  std::string many_handles = kSmallScene;
   for (int i = 0; i < 50; ++i)
     many_handles += fmt::format("    h{}: {{region: {{sphere: {{center: [0, 0, 0], radius: 1}}}}}}\n", i);
   EXPECT_NE(rejectedText(many_handles).find("tool.handles (line 6): has 51 entries; at most 50"), std::string::npos);
@@ -504,14 +521,14 @@ TEST(SceneReader, RejectsTooManyOfAnything) {
 }
 
 TEST(SceneReader, RejectsARunThatIsTooLongForItsStep) {
-  EXPECT_EQ(rejectedText(small_scene + "duration: 3600\nhaptic: {step: 0.0001}\nvisual: {step: 0.01}\n"),
+  EXPECT_EQ(rejectedText(kSmallScene + "duration: 3600\nhaptic: {step: 0.0001}\nvisual: {step: 0.01}\n"),
             "s.yaml: visual.step: 3600 s at a haptic step of 0.0001 s are more than 1e+07 ticks");
 }
 
 // An alias bomb cannot grow: the schema bounds every list by a count, and aliases are not copied.
 TEST(SceneReader, AliasesWorkWithinTheSchema) {
   const SceneConfig scene =
-      read(small_scene + "gravity: &g [0, 0, -1]\nbodies: [&b {shape: {sphere: {radius: 0.1}}, velocity: *g}, *b]\n");
+      read(kSmallScene + "gravity: &g [0, 0, -1]\nbodies: [&b {shape: {sphere: {radius: 0.1}}, velocity: *g}, *b]\n");
   ASSERT_EQ(scene.bodies.size(), 2U);
   EXPECT_EQ(scene.bodies[1].name, "body-2");
   expectClose(scene.bodies[1].velocity, {0, 0, -1});

@@ -34,9 +34,9 @@ class SceneFiles : public testing::Test {
   fs::path folder_;
 };
 
-const std::string kSurfaceScene = replaced(small_scene, "{sphere: {radius: 0.05}}", "{surface: {file: meshes/a.obj}}");
+const std::string kSurfaceScene = replaced(kSmallScene, "{sphere: {radius: 0.05}}", "{surface: {file: meshes/a.obj}}");
 const std::string kPackageScene =
-    replaced(small_scene, "{sphere: {radius: 0.05}}", "{surface: {package: toys-data, file: models/a.obj}}");
+    replaced(kSmallScene, "{sphere: {radius: 0.05}}", "{surface: {package: toys-data, file: models/a.obj}}");
 
 TEST_F(SceneFiles, FindsSurfacesBesideTheScene) {
   const fs::path mesh = write("meshes/a.obj", "");
@@ -57,7 +57,7 @@ TEST_F(SceneFiles, NamesAMissingSurface) {
 }
 
 TEST_F(SceneFiles, NamesTheSurfaceOfAnObstacle) {
-  const std::string text = small_scene + "obstacles:\n  - {mesh: {shape: {surface: {file: rock.ply}}}}\n";
+  const std::string text = kSmallScene + "obstacles:\n  - {mesh: {shape: {surface: {file: rock.ply}}}}\n";
   const fs::path file = write("s.yaml", text);
   EXPECT_NE(rejection([&] { readScene(file); }).find(": obstacles[0].mesh.shape.surface.file: no such file"),
             std::string::npos);
@@ -68,7 +68,7 @@ TEST_F(SceneFiles, NamesTheSurfaceOfAnObstacle) {
 }
 
 TEST_F(SceneFiles, NamesAMissingRecording) {
-  const fs::path file = write("s.yaml", small_scene + "device: {type: recorded, file: m.csv}\n");
+  const fs::path file = write("s.yaml", kSmallScene + "device: {type: recorded, file: m.csv}\n");
   EXPECT_NE(rejection([&] { readScene(file); }).find(": device.file: no such file"), std::string::npos);
 }
 

@@ -43,6 +43,7 @@ method: hsl-exact
 aim: predicted
 latency: 2
 seed: 18446744073709551615
+view: {from: [0, -3, 4]}
 visual: {step: 0.02, substeps: 3}
 haptic: {step: 0.002}
 contact:

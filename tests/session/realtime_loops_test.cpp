@@ -4,6 +4,7 @@
 
 #include <atomic>
 #include <chrono>
+#include <cmath>
 #include <limits>
 #include <string>
 #include <thread>
@@ -18,15 +19,23 @@ constexpr double kForever = std::numeric_limits<double>::infinity();
 
 SceneConfig cube() { return readScene(std::string(PALPATE_SOURCE_DIR) + "/scenes/cube.yaml"); }
 
+using Clock = std::chrono::steady_clock;
+
+double seconds(Clock::duration d) { return std::chrono::duration<double>(d).count(); }
+
+// Only a test that hangs reaches the limit; a machine under load and a sanitizer just take longer.
 void waitForTicks(RealtimeLoops& loops, std::vector<TickRecord>& ticks, std::size_t count) {
   TickRecord row;
-  for (int i = 0; i < 5000 && ticks.size() < count; ++i) {
+  for (int i = 0; i < 60000 && ticks.size() < count; ++i) {
     while (loops.pop(row)) ticks.push_back(row);
     std::this_thread::sleep_for(std::chrono::milliseconds(1));
   }
 }
 
+// What the clock allows whatever the load: tick k does not take place before start() + delay + k * period. Ticks that
+// are missed are counted and skipped, so simulated time is where they put it; the stops between are no part of it.
 TEST(RealtimeLoops, GoOnWhereTheyStood) {
+  constexpr auto kPause = std::chrono::milliseconds(60);
   const SceneConfig config = cube();
   BuiltScene scene = buildScene(config);
   RealtimeLoops loops(scene, timingOf(config), {});
@@ -34,35 +43,59 @@ TEST(RealtimeLoops, GoOnWhereTheyStood) {
   bool granted = false;
   std::thread([&granted] { granted = requestRealtime(80).reason.empty(); }).join();
   EXPECT_TRUE(loops.realtimeNote().empty());
-  for (int round = 1; round <= 3; ++round) {
+  double most = 0;  // simulated time that the clock allows so far [s]
+  for (std::size_t round = 1; round <= 3; ++round) {
+    const auto begin = Clock::now();
     loops.start(1.0, kForever);
-    waitForTicks(loops, ticks, 80u * round);
+    waitForTicks(loops, ticks, 80 * round);
     EXPECT_EQ(loops.realtimeNote().empty(), granted);  // known while they run
     loops.stop();
-    waitForTicks(loops, ticks, 0);
+    most += seconds(Clock::now() - begin - RealtimeLoops::kStartDelay) + config.haptic_step;
     const double stood = loops.time();
-    std::this_thread::sleep_for(std::chrono::milliseconds(20));
+    EXPECT_LE(stood, most);
+    std::this_thread::sleep_for(kPause);
     EXPECT_EQ(loops.time(), stood);
   }
   TickRecord row;
   while (loops.pop(row)) ticks.push_back(row);
   ASSERT_GE(ticks.size(), 240u);
+  const RunOutcome outcome = loops.outcome();
+  EXPECT_EQ(outcome.dropped_rows, 0u);
+  EXPECT_EQ(ticks.size(), outcome.ticks);
+  EXPECT_EQ(outcome.ticks + outcome.missed,
+            static_cast<std::uint64_t>(std::llround(loops.time() / config.haptic_step)));
+  const double slew = scene.haptic.safety.force_slew * config.haptic_step;
   for (std::size_t k = 1; k < ticks.size(); ++k) {
     ASSERT_GT(ticks[k].time, ticks[k - 1].time);
-    // a stop is no gap in simulated time: what is missing was missed by the clock, never the pause
-    ASSERT_LT((ticks[k].raw - ticks[k - 1].raw).head<3>().norm(), 1.0);
+    ASSERT_LE((ticks[k].sent - ticks[k - 1].sent).head<3>().norm(), slew * (1 + 1e-9)) << "at " << ticks[k].time;
   }
 }
 
+// Simulated time over the clock's is the speed asked for: above by nothing, below by what the worst tick was late and
+// took, which the loop's own report says.
 TEST(RealtimeLoops, RunAtTheSpeedAskedFor) {
   const SceneConfig config = cube();
-  BuiltScene scene = buildScene(config);
-  RealtimeLoops loops(scene, timingOf(config), {});
-  loops.start(0.25, kForever);
-  std::this_thread::sleep_for(std::chrono::milliseconds(420));
-  loops.stop();
-  EXPECT_LT(loops.time(), 0.25);  // 0.1 s of simulated time, however loaded the machine is
-  EXPECT_GT(loops.time(), 0.02);
+  const double dt = config.haptic_step;
+  for (const double speed : {0.25, 2.0}) {
+    double late = 1;  // [s]
+    for (int attempt = 0; attempt < 10 && late > 0.1; ++attempt) {
+      BuiltScene scene = buildScene(config);
+      RealtimeLoops loops(scene, timingOf(config), {});
+      const auto before = Clock::now();
+      loops.start(speed, kForever);
+      const auto after = Clock::now();
+      std::this_thread::sleep_for(std::chrono::milliseconds(420));
+      const auto running = Clock::now();
+      loops.stop();
+      const auto stopped = Clock::now();
+      EXPECT_LE(loops.time(), speed * seconds(stopped - before - RealtimeLoops::kStartDelay) + dt);
+      const RunOutcome outcome = loops.outcome();
+      constexpr double kBetween = 0.01;  // [s] the core may also be lost between two ticks, where no report sees it
+      late = 1e-6 * (outcome.wake_us[2] + outcome.tick_us[2]) + kBetween;
+      EXPECT_GE(loops.time(), speed * (seconds(running - after - RealtimeLoops::kStartDelay) - late) - dt);
+    }
+    if (late > 0.1) GTEST_SKIP() << "the machine is too busy: ticks were late by " << late << " s";
+  }
 }
 
 TEST(RealtimeLoops, EndByThemselves) {
@@ -70,10 +103,14 @@ TEST(RealtimeLoops, EndByThemselves) {
   BuiltScene scene = buildScene(config);
   RealtimeLoops loops(scene, timingOf(config), {});
   EXPECT_TRUE(loops.ended());
+  const auto begin = Clock::now();
   loops.start(1.0, 0.1);
-  for (int i = 0; i < 5000 && !loops.ended(); ++i) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  EXPECT_FALSE(loops.ended());
+  for (int i = 0; i < 60000 && !loops.ended(); ++i) std::this_thread::sleep_for(std::chrono::milliseconds(1));
   EXPECT_TRUE(loops.ended());
-  loops.stop();
+  EXPECT_GE(seconds(Clock::now() - begin - RealtimeLoops::kStartDelay), 0.1);
+  EXPECT_NO_THROW(loops.stop());  // time was up, and nothing else
+  EXPECT_GT(loops.time(), 0.0);
   EXPECT_LE(loops.time(), 0.1 + 1e-9);
 }
 
@@ -143,11 +180,12 @@ TEST(RealtimeLoops, ChangeOfMethodLeavesNoJump) {
   TickRecord row;
   Vec6 last = Vec6::Zero();
   bool first = true;
-  const double slew = scene.haptic.safety.force_slew * config.haptic_step;
+  const double slew = scene.haptic.safety.max_slew * config.haptic_step;
+  int ticks = 0;
   for (int k = 0; k < 60; ++k) {
     RunTiming timing = timingOf(config);
     timing.visual_step = k % 4 < 2 ? 0.033 : 0.01;
-    loops.change(k % 2 ? Rendering::visual_coupling : Rendering::linearized, timing);
+    loops.change(k % 2 ? Rendering::virtual_coupling : Rendering::linearized, timing);
     loops.stepOnce();
     while (loops.pop(row)) {
       if (!first) {
@@ -155,8 +193,10 @@ TEST(RealtimeLoops, ChangeOfMethodLeavesNoJump) {
       }
       last = row.sent;
       first = false;
+      ++ticks;
     }
   }
+  EXPECT_EQ(ticks, 30 * (33 + 10));
 }
 
 }  // namespace

@@ -27,12 +27,12 @@ World inclined(double slope, double azimuth, const FrictionCone& cone, Tilt tilt
   const Vec3 fall(std::cos(azimuth), std::sin(azimuth), 0);
   if (tilt == Tilt::gravity) {
     world.obstacles = {ground(kFriction)};
-    world.add(Body("block", barMesh(kBarSize, {3, 3, 2}), material));
+    world.add(BodyModel("block", barMesh(kBarSize, {3, 3, 2}), material));
     world.gravity = 9.81 * (std::sin(theta) * fall - std::cos(theta) * Vec3::UnitZ());
   } else {
     const Pose turn{Vec3::Zero(), Quat(Eigen::AngleAxisd(theta, Vec3::UnitZ().cross(fall)))};
     world.obstacles = {{PlaneShape{Vec3::Zero(), turn.rotation * Vec3::UnitZ()}, kFriction, "incline"}};
-    world.add(Body("block", moved(barMesh(kBarSize, {3, 3, 2}), turn), material));
+    world.add(BodyModel("block", moved(barMesh(kBarSize, {3, 3, 2}), turn), material));
   }
   return world;
 }
@@ -81,7 +81,7 @@ TEST_P(OnIncline, SlidesWithTheRightAccelerationWithinTwoPercent) {
   EXPECT_NEAR(gained / 0.4, expected, 0.02 * expected);
   // friction is at its limit, and along the fall line
   const ContactForce f = contactForce(world, 0);
-  EXPECT_NEAR(f.normal, world.body(0).totalMass() * 9.81 * cosine, 0.01 * f.normal);
+  EXPECT_NEAR(f.normal, world.body(0).model.totalMass() * 9.81 * cosine, 0.01 * f.normal);
 }
 
 const FrictionCone kExact{true, 8};
@@ -126,7 +126,7 @@ TEST(Friction, NeverAddsEnergy) {
       EXPECT_LT(now, before + 1e-3 * start);
       before = now;
     }
-    EXPECT_LT(world.body(0).kineticEnergy(), 1e-3 * start);
+    EXPECT_LT(world.body(0).model.kineticEnergy(world.body(0).state), 1e-3 * start);
   }
 }
 

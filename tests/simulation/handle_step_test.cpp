@@ -16,7 +16,7 @@ World heldBar(double alpha = 0.0) {
   material.damping_alpha = alpha;
   World world;
   world.link = {700, 2, 1.0, 0.01};
-  Body body = bar({3, 2, 3}, material);
+  BodyModel body = bar({3, 2, 3}, material);
   holdNodes(body, onTop);
   world.add(std::move(body));
   return world;
@@ -24,17 +24,17 @@ World heldBar(double alpha = 0.0) {
 
 TEST(HandleStep, WrenchAtRestIsTheFreeNodesWeightAndMoment) {
   World world = heldBar();
-  Pose device = world.tool().handle().pose;
+  Pose device = world.tool().state.handle.pose;
   device.rotation = expRotation({0.4, 0.7, -0.2}) * device.rotation;  // hangs askew, so that there is a moment
   world.settle({0}, device);
   ASSERT_EQ(world.evaluate({device, Vec6::Zero()}, 0.033).status, StepStatus::ok);
-  const Body& tool = world.tool();
+  const Body tool = world.tool();
   Vec6 expected = Vec6::Zero();
-  for (int i = 0; i < tool.nodes(); ++i) {
-    if (tool.row()[i] < 0) continue;
-    const Vec3 weight = tool.elasticity().mass()[i] * world.gravity;
+  for (int i = 0; i < tool.model.nodes(); ++i) {
+    if (tool.model.row()[i] < 0) continue;
+    const Vec3 weight = tool.model.elasticity().mass()[i] * world.gravity;
     expected.head<3>() += weight;
-    expected.tail<3>() += (tool.positions().segment<3>(3 * i) - tool.handle().pose.position).cross(weight);
+    expected.tail<3>() += (tool.state.positions.segment<3>(3 * i) - tool.state.handle.pose.position).cross(weight);
   }
   const Vec6 wrench = couplingWrench(world);
   EXPECT_GT(expected.tail<3>().norm(), 1e-3 * expected.head<3>().norm() * kBarSize.z());
@@ -52,11 +52,11 @@ TEST(HandleStep, NewtonsLawOfTheHandle) {
     World world;
     world.link = {700, 2, 1.0, 0.01};
     world.obstacles = {ground(0.4)};
-    Body body = bar({3, 2, 3}, material);
+    BodyModel body = bar({3, 2, 3}, material);
     holdNodes(body, upside_down ? onBottom : onTop);
     world.add(std::move(body));
-    const Body& tool = world.tool();
-    const Pose start = tool.handle().pose;
+    const Body tool = world.tool();
+    const Pose start = tool.state.handle.pose;
     constexpr double h = 0.01;
     int touching = 0;
     for (int n = 1; n <= 20; ++n) {
@@ -66,17 +66,17 @@ TEST(HandleStep, NewtonsLawOfTheHandle) {
       const DeviceTarget device{advance(start, offset), speed};
       ASSERT_EQ(world.step(device, h).status, StepStatus::ok);
       touching += world.contacts().active() > 0 ? 1 : 0;
-      const Pose& pose = tool.startPose();
-      const Vec6 u0 = tool.startTwist();
-      const Vec6 u = tool.endTwist();
+      const Pose& pose = tool.system.startPose();
+      const Vec6 u0 = tool.system.startTwist();
+      const Vec6 u = tool.system.endTwist();
       const Mat3 r = pose.matrix();
-      const Mat3 inertia = r * tool.handle().inertia * r.transpose();
+      const Mat3 inertia = r * tool.model.handle().inertia * r.transpose();
       const Vec3 w0 = u0.tail<3>();
       Vec6 wrench = couplingWrench(world);
-      wrench.head<3>() += tool.handle().mass * world.gravity;
+      wrench.head<3>() += tool.model.handle().mass * world.gravity;
       wrench.tail<3>() -= w0.cross(inertia * w0);
-      wrench.head<3>() -= kAlpha * tool.handle().attached_mass * u.head<3>();
-      wrench.tail<3>() -= kAlpha * r * tool.handle().attached_inertia * r.transpose() * u.tail<3>();
+      wrench.head<3>() -= kAlpha * tool.model.handle().attached_mass * u.head<3>();
+      wrench.tail<3>() -= kAlpha * r * tool.model.handle().attached_inertia * r.transpose() * u.tail<3>();
       const Vec6 apart = poseDifference(pose, device.pose);
       const Mat3 jacobian = leftJacobianInverse(apart.tail<3>());
       wrench.head<3>() -=
@@ -85,7 +85,7 @@ TEST(HandleStep, NewtonsLawOfTheHandle) {
                               (apart.tail<3>() + 0.5 * h * (jacobian + jacobian.transpose()) * u.tail<3>()) +
                           world.link.rotational_damping * (u - speed).tail<3>();
       Vec6 change;
-      change.head<3>() = tool.handle().mass * (u - u0).head<3>();
+      change.head<3>() = tool.model.handle().mass * (u - u0).head<3>();
       change.tail<3>() = inertia * (u - u0).tail<3>();
       const double scale = h * (wrench.norm() + couplingWrench(world).norm());
       EXPECT_LT((change - h * wrench).norm(), 1e-9 * scale) << n;
@@ -105,21 +105,21 @@ Drift spinDrift(double h) {
   material.damping_beta = 0.01;
   Vec6 spin;
   spin << 0.1, 0, 0.05, 1.5, -2, 3;
-  Body body("bar", barMesh(kBarSize, {2, 2, 2}), material, 0.5, spin);
-  // the handle moves as the body does there
-  Vec6 twist = spin;
+  BodyModel body("bar", barMesh(kBarSize, {2, 2, 2}), material, 0.5, spin);
+  HandleOptions handle;
+  handle.twist = spin;  // the handle moves as the body does there
   const Vec3 arm = Vec3(0.5 * kBarSize.x(), 0.5 * kBarSize.y(), kBarSize.z()) - 0.5 * kBarSize;
-  twist.head<3>() += Vec3(spin.tail<3>()).cross(arm);
-  holdNodes(body, onTop, twist);
+  handle.twist.head<3>() += Vec3(spin.tail<3>()).cross(arm);
+  holdNodes(body, onTop, handle);
   world.add(std::move(body));
   const auto angular = [&] {
-    const Body& tool = world.tool();
-    const Handle& hd = tool.handle();
+    const Body tool = world.tool();
+    const Handle& hd = tool.model.handle();
     Vec3 sum = hd.pose.position.cross(hd.mass * Vec3(hd.twist.head<3>())) + hd.worldInertia() * hd.twist.tail<3>();
-    for (int i = 0; i < tool.nodes(); ++i) {
-      if (tool.row()[i] < 0) continue;
-      sum +=
-          tool.positions().segment<3>(3 * i).cross(tool.elasticity().mass()[i] * tool.velocities().segment<3>(3 * i));
+    for (int i = 0; i < tool.model.nodes(); ++i) {
+      if (tool.model.row()[i] < 0) continue;
+      sum += tool.state.positions.segment<3>(3 * i).cross(tool.model.elasticity().mass()[i] *
+                                                          tool.state.velocities.segment<3>(3 * i));
     }
     return sum;
   };
@@ -144,17 +144,17 @@ TEST(HandleStep, ContactOnTheHandlesOwnSurface) {
   World world;
   world.link = {700, 2, 1.0, 0.01};
   world.obstacles = {ground(0.5)};
-  Body body = bar({3, 2, 3}, {});
+  BodyModel body = bar({3, 2, 3}, {});
   holdNodes(body, onBottom);  // the surface that touches is the handle's own
   world.add(std::move(body));
-  Pose device = world.tool().handle().pose;
+  Pose device = world.tool().state.handle.pose;
   device.position.z() -= 0.005;
   world.settle({0}, device);
   ASSERT_EQ(world.step({device, Vec6::Zero()}, 0.01).status, StepStatus::ok);
   EXPECT_LT(deepestVertex(world, 0), 5e-5);
   // pressed by the link and the weight
-  const double pressed = world.link.stiffness * (world.tool().handle().pose.position - device.position).z();
-  EXPECT_NEAR(contactForce(world, 0).normal, pressed + 9.81 * world.tool().totalMass(), 1e-3 * pressed);
+  const double pressed = world.link.stiffness * (world.tool().state.handle.pose.position - device.position).z();
+  EXPECT_NEAR(contactForce(world, 0).normal, pressed + 9.81 * world.tool().model.totalMass(), 1e-3 * pressed);
   EXPECT_NEAR(pressed, 700 * 0.005, 0.01);
 }
 
@@ -164,10 +164,10 @@ TEST(HandleStep, FastTurnOnTheHandlesOwnSurfaceDoesNotSinkIn) {
   World world;
   world.link = {700, 2, 5.0, 0.01};
   world.obstacles = {ground(0.2)};
-  Body body = bar({3, 2, 3}, {});
+  BodyModel body = bar({3, 2, 3}, {});
   holdNodes(body, onBottom);
   world.add(std::move(body));
-  const Pose start = world.tool().handle().pose;
+  const Pose start = world.tool().state.handle.pose;
   constexpr double h = 0.033;
   for (int n = 1; n <= 30; ++n) {
     Vec6 offset = Vec6::Zero();

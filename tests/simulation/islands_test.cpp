@@ -92,8 +92,8 @@ TEST(Islands, ContactOnManyNodes) {
     if (HasFatalFailure()) return;
   }
   EXPECT_GE(seen.contacts, 80);
-  EXPECT_EQ(world.body(0).factor().statistics().last, 0);
-  EXPECT_GT(world.body(1).factor().statistics().last, 0);
+  EXPECT_EQ(world.body(0).system.factor().statistics().last, 0);
+  EXPECT_GT(world.body(1).system.factor().statistics().last, 0);
 }
 
 // Stacks apart move as each would alone, in whatever order they come.
@@ -108,7 +108,7 @@ TEST(Islands, DoNotDependOnOneAnother) {
     for (World& world : worlds) ASSERT_NE(world.step({}, 0.005).status, StepStatus::restored);
     for (int b = 0; b < 2; ++b) {
       const auto differ = [&](std::size_t alone, std::size_t both, int body) {
-        return (worlds[alone].body(b).positions() - worlds[both].body(body).positions()).cwiseAbs().maxCoeff();
+        return (worlds[alone].body(b).state.positions - worlds[both].body(body).state.positions).cwiseAbs().maxCoeff();
       };
       EXPECT_LT(differ(0, 2, b), 1e-9) << "step " << n;
       EXPECT_LT(differ(1, 2, b + 2), 1e-9) << "step " << n;

@@ -7,7 +7,7 @@
 
 #include "palpate/linearization/linearize.h"
 #include "palpate/mesh/embed_surface.h"
-#include "palpate/mesh/surface_io.h"
+#include "shared/bunny.h"
 #include "shared/held_scenes.h"
 
 namespace palpate {
@@ -16,7 +16,6 @@ namespace {
 using namespace test;
 
 constexpr double kDepth = 5e-5;  // [m]
-const char* const kBunny = "/usr/share/glmark2/models/bunny.obj";
 
 // Puts the lowest surface vertex at the given height.
 SimulationMesh standing(SimulationMesh mesh, double height = 0.0) {
@@ -49,7 +48,7 @@ void expectRests(World& world, double seconds, double h = 0.02, double facets = 
     EXPECT_LT(deepestVertex(world, 0), kDepth + facets);
   }
   const ContactForce force = contactForce(world, 0);
-  const Vec3 weight = world.body(0).totalMass() * world.gravity;
+  const Vec3 weight = world.body(0).model.totalMass() * world.gravity;
   EXPECT_LT((force.total + weight).norm(), 1e-3 * weight.norm());
 }
 
@@ -59,7 +58,7 @@ World restingWorld(SimulationMesh mesh, double friction = 0.5) {
   material.damping_beta = 0.01;
   World world;
   world.obstacles = {ground(friction)};
-  world.add(Body("body", std::move(mesh), material));
+  world.add(BodyModel("body", std::move(mesh), material));
   return world;
 }
 
@@ -67,7 +66,7 @@ TEST(Resting, BarOnTheGround) {
   for (const double friction : {0.0, 0.5}) {
     World world = restingWorld(barMesh(kBarSize, {4, 3, 3}), friction);
     expectRests(world, 1.5);
-    EXPECT_NEAR(contactForce(world, 0).normal, 9.81 * world.body(0).totalMass(), 1e-3);
+    EXPECT_NEAR(contactForce(world, 0).normal, 9.81 * world.body(0).model.totalMass(), 1e-3);
   }
 }
 
@@ -90,9 +89,8 @@ TEST(Resting, SettledBodyStaysSettled) {
 }
 
 TEST(Resting, BunnyOnTheGround) {
-  if (!std::filesystem::exists(kBunny)) GTEST_SKIP() << "the scan is in Debian's glmark2-data";
-  World world = restingWorld(standing(
-      moved(embedded(loadSolid(kBunny, 0.1), 300), {Vec3::Zero(), Quat(Eigen::AngleAxisd(M_PI / 2, Vec3::UnitX()))})));
+  if (!std::filesystem::exists(kBunnyFile)) GTEST_SKIP() << "the scan is in Debian's glmark2-data";
+  World world = restingWorld(standingBunny(300));
   world.settle({0}, Pose{});
   expectRests(world, 0.2);
 }
@@ -122,13 +120,13 @@ INSTANTIATE_TEST_SUITE_P(
 World pressedBar(bool reduce) {
   World world;
   world.link = {700, 2, 1.0, 0.01};
-  world.contact.reduce = reduce;
+  world.contact.reduction = reduce;
   world.obstacles = {ground(0.5)};
-  Body body("body", standing(embedded(boxSurface(kBarSize, {9, 6, 5}), 150)), {});
+  BodyModel body("body", standing(embedded(boxSurface(kBarSize, {9, 6, 5}), 150)), {});
   const double top = kBarSize.z() - 0.008;
   holdNodes(body, [&](const Vec3& p) { return p.z() > top; });
   world.add(std::move(body));
-  const Pose start = world.tool().handle().pose;
+  const Pose start = world.tool().state.handle.pose;
   for (int n = 1; n <= 30; ++n) {
     Vec6 offset = Vec6::Zero();
     offset[2] = -0.003 * std::min(1.0, n / 15.0);
@@ -165,7 +163,7 @@ TEST(Contact, OrderOfObstaclesDoesNotMatter) {
   const World a = run(false);
   const World b = run(true);
   EXPECT_GT(a.contacts().active(), 4);
-  EXPECT_LT((a.body(0).positions() - b.body(0).positions()).cwiseAbs().maxCoeff(), 1e-6);
+  EXPECT_LT((a.body(0).state.positions - b.body(0).state.positions).cwiseAbs().maxCoeff(), 1e-6);
 }
 
 }  // namespace

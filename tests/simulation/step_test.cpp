@@ -16,7 +16,7 @@ TEST(Step, FreeFallFollowsTheDiscreteFormula) {
     material.damping_alpha = alpha;
     World world;
     world.add(bar({2, 2, 2}, material));
-    const VecX start = world.body(0).positions();
+    const VecX start = world.body(0).state.positions;
     constexpr double h = 0.01;
     double v = 0, z = 0;
     for (int n = 0; n < 50; ++n) {
@@ -24,9 +24,9 @@ TEST(Step, FreeFallFollowsTheDiscreteFormula) {
       v = (v - h * 9.81) / (1 + h * alpha);
       z += h * v;
     }
-    for (int i = 0; i < world.body(0).nodes(); ++i) {
-      EXPECT_LT((world.body(0).velocities().segment<3>(3 * i) - Vec3(0, 0, v)).norm(), 1e-9 * std::abs(v));
-      EXPECT_LT((world.body(0).positions().segment<3>(3 * i) - start.segment<3>(3 * i) - Vec3(0, 0, z)).norm(),
+    for (int i = 0; i < world.body(0).model.nodes(); ++i) {
+      EXPECT_LT((world.body(0).state.velocities.segment<3>(3 * i) - Vec3(0, 0, v)).norm(), 1e-9 * std::abs(v));
+      EXPECT_LT((world.body(0).state.positions.segment<3>(3 * i) - start.segment<3>(3 * i) - Vec3(0, 0, z)).norm(),
                 1e-9 * std::abs(z));
     }
   }
@@ -42,20 +42,20 @@ TEST(Step, EveryNodeObeysTheStepsEquation) {
   Vec6 velocity;
   velocity << 0.3, 0.1, -0.2, 2, -1, 3;
   world.add(bar({2, 2, 2}, material, 0.5, velocity));
-  Body& body = world.body(0);
+  const Body body = world.body(0);
   constexpr double h = 0.01;
   for (int n = 0; n < 15; ++n) {
     ASSERT_EQ(world.step({}, h).status, StepStatus::ok);
-    const ElasticMesh& fem = body.elasticity();  // still has the rotations of the start
+    const ElasticMesh& fem = body.model.elasticity();  // still has the rotations of the start
     VecX f, shifted;
-    fem.forces(body.startPositions(), f);
-    fem.forces(body.startPositions() + body.velocities(), shifted);
+    fem.forces(body.system.startPositions(), f);
+    fem.forces(body.system.startPositions() + body.state.velocities, shifted);
     const VecX kv = f - shifted;
     VecX residual(f.size());
-    for (int i = 0; i < body.nodes(); ++i) {
+    for (int i = 0; i < body.model.nodes(); ++i) {
       const double m = fem.mass()[i];
-      residual.segment<3>(3 * i) = m * ((1 + h * material.damping_alpha) * body.velocities().segment<3>(3 * i) -
-                                        body.startVelocities().segment<3>(3 * i) - h * world.gravity) -
+      residual.segment<3>(3 * i) = m * ((1 + h * material.damping_alpha) * body.state.velocities.segment<3>(3 * i) -
+                                        body.system.startVelocities().segment<3>(3 * i) - h * world.gravity) -
                                    h * f.segment<3>(3 * i) + (h * material.damping_beta + h * h) * kv.segment<3>(3 * i);
     }
     const ContactSet& set = world.contacts();
@@ -66,7 +66,7 @@ TEST(Step, EveryNodeObeysTheStepsEquation) {
         residual.segment<3>(3 * set.contacts[c].first.node[k]) -= set.contacts[c].first.weight[k] * impulse;
       }
     }
-    EXPECT_LT(residual.cwiseAbs().maxCoeff(), 1e-11 * body.totalMass());
+    EXPECT_LT(residual.cwiseAbs().maxCoeff(), 1e-11 * body.model.totalMass());
   }
   EXPECT_GT(world.contacts().active(), 0);
 }
@@ -81,7 +81,7 @@ TEST(Step, MomentumChangesByWeightAndContactOnly) {
   for (int n = 0; n < 30; ++n) {
     const Vec3 before = momentum(world.body(0));
     ASSERT_EQ(world.step({}, h).status, StepStatus::ok);
-    const Vec3 change = h * (world.body(0).totalMass() * world.gravity + contactForce(world, 0).total);
+    const Vec3 change = h * (world.body(0).model.totalMass() * world.gravity + contactForce(world, 0).total);
     EXPECT_LT((momentum(world.body(0)) - before - change).norm(), 1e-12);
   }
 }
@@ -94,20 +94,20 @@ TEST(Step, InvertedElementsRecover) {
   World world;
   world.gravity.setZero();
   world.add(bar({2, 2, 2}, material));
-  Body& body = world.body(0);
-  Body::State state = body.state();
+  const Body body = world.body(0);
+  BodyState state = body.state;
   for (Eigen::Index i = 0; i < state.x.size(); ++i) state.x[i] += 0.03 * std::sin(12.9898 * static_cast<double>(i + 1));
   body.restore(state);
   int inverted = 0;
-  for (const ElasticElement& e : body.elasticity().elements()) {
-    if (e.deformationGradient(body.positions()).determinant() < 0) ++inverted;
+  for (const ElasticElement& e : body.model.elasticity().elements()) {
+    if (e.deformationGradient(body.state.positions).determinant() < 0) ++inverted;
   }
   EXPECT_GT(inverted, 5);
   const double start = elasticEnergy(body);
   for (int n = 0; n < 600; ++n) ASSERT_EQ(world.step({}, 0.01).status, StepStatus::ok);
   EXPECT_LT(elasticEnergy(body), 1e-6 * start);
-  for (const ElasticElement& e : body.elasticity().elements()) {
-    EXPECT_NEAR(e.deformationGradient(body.positions()).determinant(), 1.0, 0.02);
+  for (const ElasticElement& e : body.model.elasticity().elements()) {
+    EXPECT_NEAR(e.deformationGradient(body.state.positions).determinant(), 1.0, 0.02);
   }
 }
 
@@ -121,20 +121,20 @@ double tipDeflection(int across) {
   material.damping_beta = 0.0;
   World world;
   world.link = {1e5, 0, 1e3, 0};
-  Body body("beam", barMesh(size, {5 * across, across, across}), material);
+  BodyModel body("beam", barMesh(size, {5 * across, across, across}), material);
   holdNodes(body, [](const Vec3& p) { return p.x() < 1e-9; });
   world.add(std::move(body));
   constexpr double h = 1e3;
-  EXPECT_EQ(world.evaluate({world.tool().handle().pose, Vec6::Zero()}, h).status, StepStatus::ok);
-  const Body& beam = world.tool();
-  const Vec6 u = beam.endTwist();
+  EXPECT_EQ(world.evaluate({world.tool().state.handle.pose, Vec6::Zero()}, h).status, StepStatus::ok);
+  const Body beam = world.tool();
+  const Vec6 u = beam.system.endTwist();
   double sum = 0;
   int count = 0;
-  for (int i = 0; i < beam.nodes(); ++i) {
-    const Vec3 p = beam.mesh().mesh.nodes[i];
+  for (int i = 0; i < beam.model.nodes(); ++i) {
+    const Vec3 p = beam.model.mesh().mesh.nodes[i];
     if (p.x() < size.x() - 1e-9) continue;
-    const Vec3 rigid = u.head<3>() + Vec3(u.tail<3>()).cross(p - beam.startPose().position);
-    sum += h * (beam.endVelocity().segment<3>(3 * beam.row()[i]) - rigid).z();
+    const Vec3 rigid = u.head<3>() + Vec3(u.tail<3>()).cross(p - beam.system.startPose().position);
+    sum += h * (beam.system.endVelocity().segment<3>(3 * beam.model.row()[i]) - rigid).z();
     ++count;
   }
   return -sum / count;

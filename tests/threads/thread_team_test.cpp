@@ -4,6 +4,7 @@
 
 #include <atomic>
 #include <chrono>
+#include <filesystem>
 #include <numeric>
 #include <stdexcept>
 #include <thread>
@@ -34,6 +35,20 @@ TEST(ParallelFor, WithoutExecutorRunsInOrderOnTheCaller) {
   EXPECT_EQ(order, (std::vector<int>{0, 1, 2, 3, 4}));
 }
 
+TEST(ParallelRanges, CoverEverythingOnceInParts) {
+  for (const int parts : {1, 3, 7}) {
+    std::vector<int> count(20, 0), size(static_cast<std::size_t>(parts), 0);
+    parallelRanges(parts, 20, [&](int begin, int end) {
+      for (int i = begin; i < end; ++i) ++count[static_cast<std::size_t>(i)];
+    });
+    parallelRanges(parts, 20,
+                   [&](int begin, int end, int part) { size[static_cast<std::size_t>(part)] = end - begin; });
+    EXPECT_EQ(count, std::vector<int>(20, 1));
+    EXPECT_EQ(std::accumulate(size.begin(), size.end(), 0), 20);
+    EXPECT_EQ(size.front(), partBegin(1, parts, 20));
+  }
+}
+
 class Teams : public ::testing::TestWithParam<int> {};
 INSTANTIATE_TEST_SUITE_P(Threads, Teams, ::testing::Values(1, 2, 4));
 
@@ -48,6 +63,23 @@ TEST_P(Teams, RunsEachPartOnceAndSeesWhatItLeft) {
       EXPECT_EQ(count, std::vector<int>(static_cast<std::size_t>(parts), 1));
     }
   }
+}
+
+// Loops within a part run in it alone; those of one that is most of the work must not.
+TEST_P(Teams, OnlyWorkOfLikeSizeRunsAtTheSameTime) {
+  ThreadTeam team(GetParam());
+  const ExecutorScope scope(&team);
+  const auto sharedOut = [](std::vector<double> weights) {
+    std::vector<char> shared(weights.size(), 0);
+    parallelByWeight(
+        static_cast<int>(weights.size()), [&](int i) { return weights[static_cast<std::size_t>(i)]; },
+        [&](int i) { shared[static_cast<std::size_t>(i)] = Executor::current() == nullptr; });
+    return shared;
+  };
+  EXPECT_EQ(sharedOut({1, 1, 1}), (std::vector<char>{1, 1, 1}));
+  EXPECT_EQ(sharedOut({2, 1, 0}), (std::vector<char>{1, 1, 1}));
+  EXPECT_EQ(sharedOut({1, 8, 1}), (std::vector<char>{0, 0, 0}));
+  EXPECT_EQ(sharedOut({}), std::vector<char>());
 }
 
 // A thread that is late must not take a part of the next loop for one of the last.
@@ -121,7 +153,7 @@ TEST_P(Teams, RethrowsAndGoesOn) {
   EXPECT_THROW(parallelFor(ThreadTeam::kMaxParts + 1, [](int) {}), RunError);
 }
 
-// As the loops of a live run do: the page's thread steps while the visual loop stands still.
+// As the loops of an interactive run do: the page's thread steps while the visual loop stands still.
 TEST_P(Teams, ServesOneThreadAfterTheOther) {
   ThreadTeam team(GetParam());
   for (int round = 0; round < 20; ++round) {
@@ -135,13 +167,32 @@ TEST_P(Teams, ServesOneThreadAfterTheOther) {
   }
 }
 
+/// Threads of this process.
+std::ptrdiff_t threadsAlive() {
+  using std::filesystem::directory_iterator;
+  return std::distance(directory_iterator("/proc/self/task"), directory_iterator());
+}
+
+// Whether they have yet to start, are at work, or sleep: none is left when the team is gone, and each part has run.
 TEST(ThreadTeam, EndsWhateverItsThreadsDo) {
+  std::thread([] {}).join();  // a sanitizer starts a thread of its own beside the first
+  const auto before = threadsAlive();
   for (int round = 0; round < 200; ++round) {
-    ThreadTeam team(3);
-    const ExecutorScope scope(&team);
-    if (round % 3 == 1) parallelFor(4, [](int) {});
-    if (round % 3 == 2) std::this_thread::sleep_for(std::chrono::microseconds(20 * round));
+    std::atomic<int> parts{0};
+    {
+      ThreadTeam team(3);
+      const ExecutorScope scope(&team);
+      if (round == 0) {
+        EXPECT_GE(threadsAlive(), 3);  // the caller is one
+      }
+      if (round % 3 == 1) parallelFor(4, [&](int) { ++parts; });
+      if (round % 3 == 2) std::this_thread::sleep_for(std::chrono::microseconds(20 * round));
+    }
+    EXPECT_EQ(parts, round % 3 == 1 ? 4 : 0);
   }
+  // the kernel takes a moment to forget a thread that has been joined
+  for (int i = 0; i < 1000 && threadsAlive() > before; ++i) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  EXPECT_EQ(threadsAlive(), before);
 }
 
 TEST(ThreadTeam, TakesWhatItCan) {

@@ -34,7 +34,7 @@ class RunningServer {
  public:
   explicit RunningServer(ServerOptions options = {}, const std::string& file = "")
       : server(options, {{"/", "text/html; charset=utf-8", "<p>page"}, {"/app.js", "text/javascript", "1;"}},
-               R"({"mode":"live"})", handlers()) {
+               R"({"mode":"view"})", handlers()) {
     if (!file.empty()) server.addFile(file, "/recording");
     thread_ = std::thread([this] { server.run(); });
   }

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <atomic>
 #include <chrono>
 #include <csignal>
 #include <cstdio>
@@ -10,7 +11,7 @@
 
 #include "palpate/common/error.h"
 #include "running_server.h"
-#include "web_client.h"
+#include "shared/web_client.h"
 
 namespace palpate {
 namespace {
@@ -94,7 +95,7 @@ TEST(Server, ServesThePage) {
   EXPECT_EQ(page.headers.at("content-security-policy").substr(0, 39), "default-src 'none'; script-src 'self'; ");
   EXPECT_EQ(page.headers.count("set-cookie"), 0u);
   EXPECT_EQ(ask(port, "GET", "/app.js").body, "1;");
-  EXPECT_EQ(ask(port, "GET", "/session.json").body, R"({"mode":"live"})");
+  EXPECT_EQ(ask(port, "GET", "/session.json").body, R"({"mode":"view"})");
   const auto head = ask(port, "HEAD", "/app.js");
   EXPECT_EQ(head.status, 200);
   EXPECT_EQ(head.headers.at("content-length"), "2");
@@ -525,15 +526,36 @@ TEST(Server, StopsThoughAViewerTakesNothing) {
 TEST(Server, StopsBeforeItRan) {
   Server server({}, {}, "{}", {});
   server.stop();
+  const auto begin = Clock::now();
   server.run();
+  EXPECT_LT(secondsSince(begin), 0.5);
+  EXPECT_THROW(TcpClient{server.port()}, std::runtime_error);  // it does not listen any more
 }
 
 TEST(Server, StopsOnSignals) {
-  ServerOptions options;
-  options.stop_on_signals = true;
-  Server server(options, {}, "{}", {});
+  for (const int signal : {SIGTERM, SIGINT}) {
+    ServerOptions options;
+    options.stop_on_signals = true;
+    RunningServer running(options);
+    SocketClient viewer(running.server.port());
+    ASSERT_TRUE(running.waitForViewers(1));
+    std::raise(signal);
+    EXPECT_EQ(viewer.readClose().closeCode(), 1001) << signal;  // told that the server goes
+    viewer.connection().close();
+    ASSERT_TRUE(running.waitFor([&] { return running.left.size() == 1; })) << signal;
+    running.stop();
+    EXPECT_THROW(TcpClient{running.server.port()}, std::runtime_error) << signal;
+  }
+}
+
+TEST(Server, LeavesSignalsAloneUnlessAsked) {
+  static std::atomic<int> caught{0};
+  const auto before = std::signal(SIGTERM, [](int) { ++caught; });
+  RunningServer running;
   std::raise(SIGTERM);
-  server.run();
+  std::signal(SIGTERM, before);
+  EXPECT_EQ(caught, 1);
+  EXPECT_EQ(ask(running.server.port(), "GET", "/").status, 200);
 }
 
 TEST(Server, LetsExceptionsOfItsOwnerThrough) {

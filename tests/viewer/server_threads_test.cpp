@@ -4,7 +4,7 @@
 #include <chrono>
 
 #include "running_server.h"
-#include "web_client.h"
+#include "shared/web_client.h"
 
 namespace palpate {
 namespace {

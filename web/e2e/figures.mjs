@@ -13,7 +13,7 @@ const SETTLE_S = 3;
 const { values: options } = parseArgs({
   options: { program: { type: 'string' }, scene: { type: 'string' }, seconds: { type: 'string', default: '15' } },
 });
-const server = await programServers(options).live();
+const server = await programServers(options).running();
 const socket = new WebSocket(new URL('ws', server.url).href.replace('http', 'ws'), { origin: new URL(server.url).origin });
 const counts = { frames: 0, withNodes: 0, bytes: 0, lost: 0 };
 const shares = [];

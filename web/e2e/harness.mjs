@@ -74,11 +74,11 @@ function spawnProgram(program, args, port) {
   });
 }
 
-/** What tests need of a server: `live(port)` and `replay()` start one. */
+/** What tests need of a server: `running(port)` and `replay()` start one. */
 export function programServers({ program, scene, recording }) {
   return {
     name: program,
-    live: (port = 0) => spawnProgram(program, ['view', scene], port),
+    running: (port = 0) => spawnProgram(program, ['view', scene], port),
     replay: () => (recording ? spawnProgram(program, ['replay', recording], 0) : null),
   };
 }
@@ -87,7 +87,7 @@ export async function mockServers(dir) {
   const { startMock } = await import('../test/mock.mjs');
   return {
     name: 'stand-in',
-    live: (port = 0) => startMock({ dir, port }),
+    running: (port = 0) => startMock({ dir, port }),
     replay: () => startMock({ dir, replay: true }),
   };
 }

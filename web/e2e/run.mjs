@@ -44,9 +44,9 @@ const get = (page, name) => page.evaluate((key) => window.palpate[key], name);
 const until = (page, condition, argument) => page.waitForFunction(condition, argument);
 const noProblems = (problems, allowed = /$^/) => assert.deepEqual(problems.filter((p) => !allowed.test(p)), []);
 
-/** Runs `body` with a live server and a page on it. */
-const live = (body, pageOptions) => async () => {
-  const server = await servers.live();
+/** Runs `body` with a running server and a page on it. */
+const running = (body, pageOptions) => async () => {
+  const server = await servers.running();
   try {
     const opened = await openPage(browser, server.url, pageOptions);
     try {
@@ -75,7 +75,7 @@ const grab = async (page) => {
   throw new Error('the tool cannot be taken');
 };
 
-test('loads, runs and weighs little', live(async (page, _, server) => {
+test('loads, runs and weighs little', running(async (page, _, server) => {
   const first = await get(page, 'firstPicture');
   console.log(`    first picture after ${first.toFixed(0)} ms`);
   await until(page, () => window.palpate.ticks > 500 && window.palpate.frames > 5);
@@ -87,7 +87,7 @@ test('loads, runs and weighs little', live(async (page, _, server) => {
   assert.ok((await page.title()).includes('Palpate'));
 }));
 
-test('a drag moves the device, and pressing down is felt in the plot', live(async (page) => {
+test('a drag moves the device, and pressing down is felt in the plot', running(async (page) => {
   const before = await get(page, 'device');
   const at = await grab(page);
   const y = 260;
@@ -104,7 +104,7 @@ test('a drag moves the device, and pressing down is felt in the plot', live(asyn
   await until(page, () => !window.palpate.holding && window.palpate.state.hand === null);
 }));
 
-test('wheel changes depth while holding, Shift turns, beside the tool the camera turns', live(async (page) => {
+test('wheel changes depth while holding, Shift turns, beside the tool the camera turns', running(async (page) => {
   const at = await grab(page);
   const start = await get(page, 'device');
   for (let i = 0; i < 6; ++i) await page.mouse.wheel(0, -100);
@@ -131,7 +131,7 @@ test('wheel changes depth while holding, Shift turns, beside the tool the camera
   }, seen);
 }));
 
-test('keys alone: hold, move, turn, let go', live(async (page) => {
+test('keys alone: hold, move, turn, let go', running(async (page) => {
   await page.locator('#view').focus();
   const start = await get(page, 'device');
   await page.keyboard.down('ArrowUp');
@@ -146,7 +146,7 @@ test('keys alone: hold, move, turn, let go', live(async (page) => {
   await page.waitForSelector('#help-dialog:not([open])', { state: 'attached' });
 }));
 
-test('touch holds the tool', live(async (page) => {
+test('touch holds the tool', running(async (page) => {
   const client = await page.context().newCDPSession(page);
   const touch = (type, points) => client.send('Input.dispatchTouchEvent', { type, touchPoints: points });
   let at;
@@ -161,7 +161,7 @@ test('touch holds the tool', live(async (page) => {
   await until(page, () => !window.palpate.holding);
 }, { hasTouch: true }));
 
-test('handle, method, step, friction, stiffness, speed', live(async (page) => {
+test('handle, method, step, friction, stiffness, speed', running(async (page) => {
   const { handles, methods } = await get(page, 'scene');
   const generation = await get(page, 'generation');
   await page.selectOption('#method', methods.at(-1));
@@ -178,7 +178,7 @@ test('handle, method, step, friction, stiffness, speed', live(async (page) => {
   await until(page, () => window.palpate.ticks > 50);
 }));
 
-test('pause, single step, reset', live(async (page) => {
+test('pause, single step, reset', running(async (page) => {
   await page.click('#pause');
   await until(page, () => window.palpate.state.paused);
   await page.waitForTimeout(300);
@@ -195,7 +195,7 @@ test('pause, single step, reset', live(async (page) => {
   await until(page, () => !window.palpate.state.paused && window.palpate.ticks > 100);
 }));
 
-test('another scene', live(async (page) => {
+test('another scene', running(async (page) => {
   const { name, scenes } = await get(page, 'scene');
   const other = scenes.find((s) => s.name !== name && /ball|block|alien$/.test(s.name)) ?? scenes.find((s) => s.name !== name);
   await page.selectOption('#scene', other.name);
@@ -213,7 +213,7 @@ const drop = (page, name, content) =>
     }
   }, [name, content]);
 
-test('a dropped surface becomes the tool; a wrong file is refused in words', live(async (page) => {
+test('a dropped surface becomes the tool; a wrong file is refused in words', running(async (page) => {
   const generation = await get(page, 'generation');
   await drop(page, 'notes.txt', 'hello');
   await page.waitForSelector('.notice.error');
@@ -226,13 +226,13 @@ test('a dropped surface becomes the tool; a wrong file is refused in words', liv
 
 test('a lost server: a banner, and on again by itself', async () => {
   const port = await freePort();
-  let server = await servers.live(port);
+  let server = await servers.running(port);
   const { page, problems, close } = await openPage(browser, server.url);
   try {
     await server.stop();
     await page.waitForSelector('#banner:not([hidden])');
     assert.match(await page.locator('#banner').textContent(), /Lost the server, trying again/);
-    server = await servers.live(port);
+    server = await servers.running(port);
     await until(page, () => window.palpate.connected && document.getElementById('banner').hidden);
     const frames = await get(page, 'frames');
     await until(page, (n) => window.palpate.frames > n + 3, frames);
@@ -243,7 +243,7 @@ test('a lost server: a banner, and on again by itself', async () => {
   }
 });
 
-test('two viewers see the same run, one hand', live(async (page, _, server) => {
+test('two viewers see the same run, one hand', running(async (page, _, server) => {
   const second = await openPage(browser, server.url);
   await until(page, () => window.palpate.state.viewers === 2);
   await grab(page);
@@ -258,7 +258,7 @@ test('two viewers see the same run, one hand', live(async (page, _, server) => {
   await page.mouse.up();
 }));
 
-test('what is shown: frames, forces, contacts, mesh, colors', live(async (page) => {
+test('what is shown: frames, forces, contacts, mesh, colors', running(async (page) => {
   for (const id of ['show-frames', 'show-contacts', 'show-mesh']) {
     await page.click(`#${id}`);
     assert.equal(await page.getAttribute(`#${id}`, 'aria-pressed'), 'true');
@@ -272,7 +272,7 @@ test('what is shown: frames, forces, contacts, mesh, colors', live(async (page) 
   await page.click('#camera-home');
 }));
 
-test('downloads: ticks, steps, picture', live(async (page) => {
+test('downloads: ticks, steps, picture', running(async (page) => {
   await until(page, () => window.palpate.ticks > 300);
   for (const [id, suffix, check] of [
     ['save-ticks', '-ticks.csv', (text) => text.split('\n').length > 300 && text.startsWith('time_s,sent_fx_N')],
@@ -316,7 +316,7 @@ test('replay: plays, scrubs, plots in step', async () => {
   }
 });
 
-test('every control has a name, focus goes in reading order', live(async (page) => {
+test('every control has a name, focus goes in reading order', running(async (page) => {
   await page.click('#help');
   const nameless = await page.evaluate(() =>
     [...document.querySelectorAll('button, input, select, canvas[tabindex], [role=img]')]
@@ -397,7 +397,7 @@ const contrast = (page) =>
   });
 
 for (const colorScheme of ['light', 'dark']) {
-  test(`text can be read, ${colorScheme}`, live(async (page) => {
+  test(`text can be read, ${colorScheme}`, running(async (page) => {
     assert.equal(await page.evaluate(() => document.documentElement.dataset.theme), colorScheme);
     await page.selectOption('#color', 'displacement');
     await page.waitForTimeout(1500);
@@ -415,7 +415,7 @@ if (options.shots) {
   mkdirSync(options.shots, { recursive: true });
   for (const colorScheme of ['light', 'dark']) {
     for (const [kind, viewport] of [['wide', { width: 1360, height: 800 }], ['narrow', { width: 400, height: 820 }]]) {
-      test(`picture: ${colorScheme}, ${kind}`, live(async (page) => {
+      test(`picture: ${colorScheme}, ${kind}`, running(async (page) => {
         await page.waitForTimeout(6000);
         await page.screenshot({ path: join(options.shots, `${colorScheme}-${kind}.png`) });
       }, { colorScheme, viewport }));

@@ -128,7 +128,7 @@ class App {
   // --- messages -------------------------------------------------------------------------------------------------------
 
   private receive(message: TextMessage | BinaryMessage): void {
-    if (this.replay) return; // a recording is open; the live run goes on behind it
+    if (this.replay) return; // a recording is open; the run goes on behind it
     switch (message.type) {
       case 'welcome':
         this.viewer = message.viewer;
@@ -248,7 +248,7 @@ class App {
   private showLink(): void {
     const link = element('link');
     link.dataset['link'] = this.replay ? 'open' : this.link;
-    const names: Record<Link, string> = { connecting: 'Connecting', open: 'Live', lost: 'Lost' };
+    const names: Record<Link, string> = { connecting: 'Connecting', open: 'Connected', lost: 'Lost' };
     setText(element('link-text'), this.replay ? 'Replay' : names[this.link]);
     const lost = this.link === 'lost' && !this.replay;
     element('banner').hidden = !lost;
@@ -503,7 +503,7 @@ class App {
     on('zoom-out', () => this.view.orbit.zoom(1.25));
     on('camera-home', () => this.view.orbit.reset());
     on('camera-follow', () => this.follow());
-    on('live', () => this.panel.time.now());
+    on('now', () => this.panel.time.now());
     for (const what of ['frames', 'arrows', 'contacts', 'mesh'] as const) on(`show-${what}`, () => this.toggleShown(what));
     const changed = (id: string, act: (value: string) => void): void => {
       const control = select(id);
@@ -518,8 +518,8 @@ class App {
       this.panel.time.length = Number(seconds);
       this.replayStale = true;
     });
-    this.panel.time.onLive = (live) => {
-      button('live').hidden = live || this.replay !== null;
+    this.panel.time.onFollow = (following) => {
+      button('now').hidden = following || this.replay !== null;
     };
     this.view.onScale = (max) => {
       const stress = this.view.shown.color === 'stress';
@@ -712,7 +712,7 @@ class App {
 
   private async openFile(file: File): Promise<void> {
     if (/\.palpate$/i.test(file.name)) {
-      this.openReplay(await file.arrayBuffer(), file.name, this.session.mode === 'live');
+      this.openReplay(await file.arrayBuffer(), file.name, this.session.mode === 'view');
       return;
     }
     if (!/\.(obj|stl|ply|off)$/i.test(file.name)) {
@@ -720,7 +720,7 @@ class App {
       return;
     }
     if (this.session.mode === 'replay') {
-      this.notice('error', 'A surface can be held in a live run: palpate view.');
+      this.notice('error', 'A surface can be held in a run: palpate view.');
       return;
     }
     if (file.size > this.session.maxSurfaceBytes) {

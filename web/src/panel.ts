@@ -123,8 +123,8 @@ export class Panel {
   }
 
   stats(stats: Stats): void {
-    this.tick.set(stats.tick);
-    this.wake.set(stats.wake);
+    this.tick.set(stats.tickUs);
+    this.wake.set(stats.wakeUs);
     const share = `Server: ${(100 * stats.serverShare).toFixed(1)} % of a core.`;
     setText(element('realtime'), stats.realtime === null ? share : `${share} Real time: ${stats.realtime}.`);
   }

@@ -72,7 +72,7 @@ export class TimeWindow {
   private held: number | null = null;
   /** time under the pointer, or of the replay; null: none */
   cursor: number | null = null;
-  onLive: (live: boolean) => void = () => {};
+  onFollow: (following: boolean) => void = () => {};
   private newest = 0;
   private oldest = 0;
 
@@ -81,7 +81,7 @@ export class TimeWindow {
     this.newest = newest;
   }
 
-  get live(): boolean {
+  get following(): boolean {
     return this.held === null;
   }
 
@@ -104,19 +104,19 @@ export class TimeWindow {
     const least = this.oldest + (this.end - this.start) * 0.2;
     this.held = Math.max(least, end);
     if (this.held >= this.newest) this.held = null;
-    this.onLive(this.held === null);
+    this.onFollow(this.held === null);
   }
 
   zoom(factor: number, about: number): void {
     const length = Math.min(1199, Math.max(0.02, (this.end - this.start) * factor));
     const share = (this.end - about) / (this.end - this.start);
     this.length = length;
-    if (!this.live || about < this.end) this.hold(about + share * length);
+    if (!this.following || about < this.end) this.hold(about + share * length);
   }
 
   now(): void {
     this.held = null;
-    this.onLive(true);
+    this.onFollow(true);
   }
 }
 
@@ -228,7 +228,7 @@ export class Plot {
       const track = series.track();
       const { column } = series;
       let row = track.length - 1;
-      const at = time.cursor ?? (time.live ? null : time.end);
+      const at = time.cursor ?? (time.following ? null : time.end);
       if (at !== null) {
         row = track.indexAt(at + 1e-9) - 1; // the last at or before
         if (row < track.first) row = -1;

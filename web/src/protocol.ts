@@ -1,7 +1,11 @@
 // Messages between the page and `palpate view` (docs/viewer.md). Decoding is total: whatever comes, the answer is a
-// message or an `invalid` with a reason; no array is made that the message does not hold.
+// message or an `invalid` with a reason; no array is made that the message does not hold. Numbers of kinds, columns of
+// rows and limits are the program's own, in protocol.json; test/shared.test.ts holds the rest against messages that the
+// program wrote.
+import description from './protocol.json';
 
-export const PROTOCOL_VERSION = 1;
+export const PROTOCOL_VERSION = description.version;
+const { kinds: KINDS, body_flags: BODY_FLAGS, obstacles: OBSTACLES, recording: RECORDING } = description;
 
 export type Vec3 = [number, number, number];
 /** w x y z, as the program writes them. */
@@ -86,9 +90,10 @@ export interface Stats {
   ticks: number;
   missed: number;
   dropped: number;
-  tick: Histogram;
-  wake: Histogram;
-  energy: number;
+  tickUs: Histogram;
+  wakeUs: Histogram;
+  /** J given to the hand */
+  energyJ: number;
   realtime: string | null;
   serverShare: number;
 }
@@ -143,6 +148,78 @@ function histogram(value: unknown): Histogram {
 
 const invalid = (reason: string): Invalid => ({ type: 'invalid', reason });
 
+function decodeScene(m: Json): SceneInfo {
+  const device = object(m['device']);
+  const start = object(m['start']);
+  return {
+    type: 'scene',
+    generation: number(m['generation']),
+    name: text(m['name']),
+    title: text(m['title'], text(m['name'])),
+    description: text(m['description']),
+    scenes: list(m['scenes'])
+      .filter(isObject)
+      .map((s) => ({ name: text(s['name']), description: text(s['description']) })),
+    handles: texts(m['handles']),
+    methods: texts(m['methods']),
+    bodies: list(m['bodies'])
+      .filter(isObject)
+      .map((b) => ({
+        name: text(b['name']),
+        kind: b['kind'] === 'tool' || b['kind'] === 'rigid' ? b['kind'] : 'soft',
+        youngsModulus: number(b['youngs_modulus']),
+        tetrahedra: number(b['tetrahedra']),
+        triangles: number(b['triangles']),
+      })),
+    obstacles: list(m['obstacles'])
+      .filter(isObject)
+      .map((o) => ({ name: text(o['name']) })),
+    device: {
+      peakForce: number(device['peak_force'], 3.3),
+      peakTorque: number(device['peak_torque'], 0.2),
+      stiffness: number(device['stiffness']),
+      workspaceRadius: number(device['workspace_radius'], 0.1),
+    },
+    gravity: vec3(m['gravity'], [0, 0, -9.81]),
+    hapticStep: number(m['haptic_step'], 0.001),
+    start: { position: vec3(start['position']), rotation: quat(start['rotation']) },
+  };
+}
+
+function decodeState(m: Json): RunState {
+  return {
+    type: 'state',
+    generation: number(m['generation']),
+    handle: text(m['handle']),
+    method: text(m['method']),
+    visualStep: number(m['visual_step'], 0.033),
+    friction: number(m['friction'], 1),
+    stiffness: number(m['stiffness'], 1),
+    speed: number(m['speed'], 1),
+    paused: m['paused'] === true,
+    hand: typeof m['hand'] === 'number' ? m['hand'] : null,
+    driver: m['driver'] === 'hand' ? 'hand' : 'path',
+    stress: m['stress'] === true,
+    recording: textOrNull(m['recording']),
+    busy: textOrNull(m['busy']),
+    viewers: number(m['viewers'], 1),
+  };
+}
+
+function decodeStats(m: Json): Stats {
+  return {
+    type: 'stats',
+    ticks: number(m['ticks']),
+    missed: number(m['missed']),
+    dropped: number(m['dropped']),
+    tickUs: histogram(m['tick_us']),
+    wakeUs: histogram(m['wake_us']),
+    energyJ: number(m['energy_J']),
+    realtime: textOrNull(m['realtime']),
+    serverShare: number(m['server_share']),
+  };
+}
+
 /** One text message. */
 export function decodeText(source: string): TextMessage {
   let parsed: unknown;
@@ -161,73 +238,12 @@ export function decodeText(source: string): TextMessage {
         viewer: number(m['viewer']),
         version: text(m['version']),
       };
-    case 'scene': {
-      const device = object(m['device']);
-      const start = object(m['start']);
-      return {
-        type: 'scene',
-        generation: number(m['generation']),
-        name: text(m['name']),
-        title: text(m['title'], text(m['name'])),
-        description: text(m['description']),
-        scenes: list(m['scenes'])
-          .filter(isObject)
-          .map((s) => ({ name: text(s['name']), description: text(s['description']) })),
-        handles: texts(m['handles']),
-        methods: texts(m['methods']),
-        bodies: list(m['bodies'])
-          .filter(isObject)
-          .map((b) => ({
-            name: text(b['name']),
-            kind: b['kind'] === 'tool' || b['kind'] === 'rigid' ? b['kind'] : 'soft',
-            youngsModulus: number(b['youngs_modulus']),
-            tetrahedra: number(b['tetrahedra']),
-            triangles: number(b['triangles']),
-          })),
-        obstacles: list(m['obstacles'])
-          .filter(isObject)
-          .map((o) => ({ name: text(o['name']) })),
-        device: {
-          peakForce: number(device['peak_force'], 3.3),
-          peakTorque: number(device['peak_torque'], 0.2),
-          stiffness: number(device['stiffness']),
-          workspaceRadius: number(device['workspace_radius'], 0.1),
-        },
-        gravity: vec3(m['gravity'], [0, 0, -9.81]),
-        hapticStep: number(m['haptic_step'], 0.001),
-        start: { position: vec3(start['position']), rotation: quat(start['rotation']) },
-      };
-    }
+    case 'scene':
+      return decodeScene(m);
     case 'state':
-      return {
-        type: 'state',
-        generation: number(m['generation']),
-        handle: text(m['handle']),
-        method: text(m['method']),
-        visualStep: number(m['visual_step'], 0.033),
-        friction: number(m['friction'], 1),
-        stiffness: number(m['stiffness'], 1),
-        speed: number(m['speed'], 1),
-        paused: m['paused'] === true,
-        hand: typeof m['hand'] === 'number' ? m['hand'] : null,
-        driver: m['driver'] === 'hand' ? 'hand' : 'path',
-        stress: m['stress'] === true,
-        recording: textOrNull(m['recording']),
-        busy: textOrNull(m['busy']),
-        viewers: number(m['viewers'], 1),
-      };
+      return decodeState(m);
     case 'stats':
-      return {
-        type: 'stats',
-        ticks: number(m['ticks']),
-        missed: number(m['missed']),
-        dropped: number(m['dropped']),
-        tick: histogram(m['tick_us']),
-        wake: histogram(m['wake_us']),
-        energy: number(m['energy_J']),
-        realtime: textOrNull(m['realtime']),
-        serverShare: number(m['server_share']),
-      };
+      return decodeStats(m);
     case 'notice':
       return { type: 'notice', level: m['level'] === 'error' ? 'error' : 'info', text: text(m['text']) };
     default:
@@ -265,8 +281,9 @@ export interface Geometry {
   obstacles: ObstacleGeometry[];
 }
 
-/** Values of a contact in `Frame.contacts`: position 3, normal 3, force on the first body 3 [N], state. */
-export const CONTACT_STRIDE = 10;
+/** Values of a contact in `Frame.contacts`, and where each stands; the force is on the first body [N]. */
+export const CONTACT_STRIDE = description.contact.stride;
+export const CONTACT = description.contact.columns;
 
 export interface Frame {
   type: 'frame';
@@ -288,29 +305,12 @@ export interface Frame {
 }
 
 /** Values of a tick in `Samples.ticks`; see `TICK`. */
-export const TICK_STRIDE = 20;
+export const TICK_STRIDE = description.tick.stride;
 /** Values of a visual step in `Samples.steps`; see `STEP`. */
-export const STEP_STRIDE = 28;
+export const STEP_STRIDE = description.step.stride;
 
-export const TICK = { time: 0, sent: 1, raw: 7, vc: 13, flags: 19 } as const;
-export const STEP = {
-  time: 0,
-  wrench: 1,
-  milliseconds: 7,
-  lateness: 14,
-  found: 15,
-  reduced: 16,
-  active: 17,
-  sticking: 18,
-  sliding: 19,
-  iterations: 20,
-  residual: 21,
-  penetration: 22,
-  kinetic: 23,
-  elastic: 24,
-  status: 25,
-  substeps: 26,
-} as const;
+export const TICK = description.tick.columns;
+export const STEP = description.step.columns;
 
 export interface Samples {
   type: 'samples';
@@ -405,11 +405,11 @@ export function decodeBinary(buffer: ArrayBuffer): BinaryMessage {
   const kind = r.u32();
   if (r.short) return invalid(`binary message of ${buffer.byteLength} bytes`);
   switch (kind) {
-    case 1:
+    case KINDS.geometry:
       return decodeGeometry(r);
-    case 2:
+    case KINDS.frame:
       return decodeFrame(r);
-    case 3:
+    case KINDS.samples:
       return decodeSamples(r);
     default:
       return invalid(`binary message of unknown kind ${kind}`);
@@ -436,8 +436,8 @@ function decodeGeometry(r: Reader): Geometry | Invalid {
       vertexNodes: r.u32s(4 * v),
       vertexWeights: r.f32s(4 * v),
       triangles: r.u32s(3 * t),
-      tool: (flags & 1) !== 0,
-      rigid: (flags & 2) !== 0,
+      tool: (flags & BODY_FLAGS.tool) !== 0,
+      rigid: (flags & BODY_FLAGS.rigid) !== 0,
     };
     if (r.short) return invalid(`geometry is cut off in body ${b}`);
     if (!below(body.tetrahedra, n) || !below(body.vertexNodes, n)) return invalid(`body ${b} names a node it lacks`);
@@ -450,9 +450,9 @@ function decodeGeometry(r: Reader): Geometry | Invalid {
     const shape = r.u32();
     const v = r.u32();
     const t = r.u32();
-    if (shape === 0) {
+    if (shape === OBSTACLES.plane) {
       obstacles.push({ shape: 'plane', point: r.vec3(), normal: r.vec3() });
-    } else if (shape === 1) {
+    } else if (shape === OBSTACLES.surface) {
       const vertices = r.f32s(3 * v);
       const triangles = r.u32s(3 * t);
       if (!r.short && !below(triangles, v)) return invalid(`obstacle ${o} names a vertex it lacks`);
@@ -539,19 +539,19 @@ export type Command =
   | { type: 'record'; on: boolean }
   | { type: 'ack'; frame: number };
 
-export const MAX_COMMAND_BYTES = 4096;
+export const MAX_COMMAND_BYTES = description.limits.command_bytes;
 
 /** A command as it goes over the wire, or null where it would be refused (not finite or too long). */
 export function encodeCommand(command: Command): string | null {
   if (command.type === 'hand' && !finitePose(command)) return null;
   const message = JSON.stringify(command);
-  return message.length <= MAX_COMMAND_BYTES ? message : null;
+  return new TextEncoder().encode(message).length <= MAX_COMMAND_BYTES ? message : null;
 }
 
 // --- HTTP -------------------------------------------------------------------------------------------------------------
 
 export interface Session {
-  mode: 'live' | 'replay';
+  mode: 'view' | 'replay';
   protocol: number;
   version: string;
   name: string;
@@ -561,11 +561,11 @@ export interface Session {
 export function decodeSession(value: unknown): Session {
   const s = object(value);
   return {
-    mode: s['mode'] === 'replay' ? 'replay' : 'live',
+    mode: s['mode'] === 'replay' ? 'replay' : 'view',
     protocol: number(s['protocol'], PROTOCOL_VERSION),
     version: text(s['version']),
     name: text(s['name']),
-    maxSurfaceBytes: number(s['max_surface_bytes'], 64 * 1024 * 1024),
+    maxSurfaceBytes: number(s['max_surface_bytes'], description.limits.surface_bytes),
   };
 }
 
@@ -577,19 +577,18 @@ export interface Recording {
   complaint: string | null;
 }
 
-const MAGIC = 'PALPATE1';
-
 /** `recording.palpate`. A file that was cut off gives what it holds up to there, and a complaint. */
 export function decodeRecording(buffer: ArrayBuffer): Recording | Invalid {
   const bytes = new Uint8Array(buffer);
-  if (bytes.length < 8 || !MAGIC.split('').every((c, i) => bytes[i] === c.charCodeAt(0))) {
+  const magic = RECORDING.magic;
+  if (bytes.length < magic.length || !magic.split('').every((c, i) => bytes[i] === c.charCodeAt(0))) {
     return invalid('this is not a recording of Palpate');
   }
   const view = new DataView(buffer);
   const messages: (TextMessage | BinaryMessage)[] = [];
   const utf8 = new TextDecoder();
   let complaint: string | null = null;
-  let at = 8;
+  let at = magic.length;
   while (at < bytes.length) {
     if (bytes.length - at < 8) {
       complaint = 'the recording ends in the middle of a record';
@@ -604,14 +603,14 @@ export function decodeRecording(buffer: ArrayBuffer): Recording | Invalid {
     }
     // A copy, so that arrays are aligned and a frame does not keep the whole file alive.
     const message =
-      kind === 0
+      kind === RECORDING.text
         ? decodeText(utf8.decode(bytes.subarray(at, at + size)))
-        : kind === 1
+        : kind === RECORDING.binary
           ? decodeBinary(buffer.slice(at, at + size))
           : invalid(`record of unknown kind ${kind}`);
     if (message.type === 'invalid') complaint ??= message.reason;
     else messages.push(message);
-    at += Math.ceil(size / 8) * 8;
+    at += Math.ceil(size / RECORDING.alignment) * RECORDING.alignment;
   }
   return { messages, complaint };
 }

@@ -332,7 +332,7 @@ export class View3D {
 
   // --- state ----------------------------------------------------------------------------------------------------------
 
-  /** A live frame: drawing glides to its nodes over the time that the last two lay apart. */
+  /** A frame of a run: drawing glides to its nodes over the time that the last two lay apart. */
   setFrame(frame: Frame, now: number): void {
     this.device = frame.device;
     this.proxy = frame.proxy;

@@ -440,7 +440,7 @@ export async function startMock({ dir, port = 0, replay = false } = {}) {
     };
     const path = url.pathname === '/' ? '/index.html' : url.pathname;
     if (path === '/session.json') {
-      send(200, 'application/json', JSON.stringify({ mode: replay ? 'replay' : 'live', protocol: 1, version: 'mock', name: 'bar', max_surface_bytes: 1 << 26 }));
+      send(200, 'application/json', JSON.stringify({ mode: replay ? 'replay' : 'view', protocol: 1, version: 'mock', name: 'bar', max_surface_bytes: 1 << 26 }));
     } else if (path === '/recording' && replay) {
       send(200, 'application/octet-stream', (recorded ??= recording(8)));
     } else if (path === '/surface' && request.method === 'POST') {

@@ -114,7 +114,7 @@ test('text messages keep to what the manual says and stand what it does not', ()
   assert.equal(state.busy, 'meshing');
   const stats = decodeText('{"type":"stats","tick_us":{"p50":1,"bins":[[1,2],[2,3],["x"]]}}');
   assert.ok(stats.type === 'stats');
-  assert.deepEqual(stats.tick.bins, [
+  assert.deepEqual(stats.tickUs.bins, [
     [1, 2],
     [2, 3],
   ]);

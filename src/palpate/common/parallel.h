@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <type_traits>
 #include <utility>
 
@@ -58,6 +59,37 @@ void parallelFor(int parts, F&& f) {
   executor->run(
       parts, [](void* loop, int i) { (*static_cast<Loop*>(loop))(i); },
       const_cast<void*>(static_cast<const void*>(&f)));
+}
+
+/// Calls f(begin, end), or f(begin, end, part), for `parts` ranges that make up [0, count), as parallelFor() does.
+template <class F>
+void parallelRanges(int parts, int count, F&& f) {
+  parallelFor(parts, [&](int part) {
+    const int begin = partBegin(part, parts, count), end = partBegin(part + 1, parts, count);
+    if constexpr (std::is_invocable_v<F&, int, int, int>) {
+      f(begin, end, part);
+    } else {
+      f(begin, end);
+    }
+  });
+}
+
+/// Calls f(i) for each i in [0, count), each of which is weight(i) of the work: at the same time where they are of like
+/// size, one after the other where one is most of the work, so that its own loops are shared out.
+template <class Weight, class F>
+void parallelByWeight(int count, Weight&& weight, F&& f) {
+  constexpr double kMost = 0.7;
+  double all = 0, most = 0;
+  for (int i = 0; i < count; ++i) {
+    const double own = weight(i);
+    all += own;
+    most = std::max(most, own);
+  }
+  if (most > kMost * all) {
+    for (int i = 0; i < count; ++i) f(i);
+  } else {
+    parallelFor(count, f);
+  }
 }
 
 }  // namespace palpate

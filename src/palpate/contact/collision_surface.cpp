@@ -7,6 +7,7 @@
 #include <string>
 
 #include "palpate/common/error.h"
+#include "palpate/math/stable_norm.h"
 
 namespace palpate {
 namespace {
@@ -60,7 +61,7 @@ int medianSplit(const Points& points, std::vector<int>& indices, int first, int 
   return middle;
 }
 
-struct Bounds {
+struct PackedBounds {
   Vec3 low = Vec3::Constant(std::numeric_limits<double>::infinity());
   Vec3 high = Vec3::Constant(-std::numeric_limits<double>::infinity());
   void add(const Vec3& p) {
@@ -80,7 +81,7 @@ CollisionSurface::CollisionSurface(const Surface& surface, std::span<const int> 
   buildClusterVertices();
   std::vector<Vec3> centers;
   for (int c = 0; c < clusters(); ++c) {
-    Bounds bounds;
+    PackedBounds bounds;
     for (const int v : verticesOfCluster(c)) bounds.add(rest_[static_cast<size_t>(v)]);
     centers.push_back(0.5 * (bounds.low + bounds.high));
   }
@@ -250,7 +251,7 @@ Vec3 CollisionSurface::outwardNormal(int triangle, const std::array<double, 3>& 
   if (used == 1) sum = cornerNormal(triangles_[t][corner], time);
   if (used == 2) sum = edgeNormal(triangle_edges_[t][(opposite + 1) % 3], time);
   if (!(sum.norm() > 1e-6)) sum = areaNormal(triangle, time);  // inside, or faces folded onto each other
-  const double length = sum.stableNorm();
+  const double length = stableNorm(sum);
   return length > 0 ? Vec3(sum / length) : Vec3(Vec3::UnitZ());
 }
 
@@ -262,7 +263,7 @@ MovingBox CollisionSurface::boxOf(const Indices& vertices) const {
 }
 
 void CollisionSurface::refit() {
-  Bounds moves, places;
+  PackedBounds moves, places;
   rounded_start_.resize(start.size());
   rounded_end_.resize(end.size());
   const auto rounded = [](const Vec3& p) {

@@ -62,63 +62,65 @@ void ContactReduction::extremePoints(const std::vector<Contact>& all, std::size_
   if (third != deepest && third != second) proposals_.push_back(third);
 }
 
-const std::vector<int>& ContactReduction::choose(const std::vector<Contact>& candidates,
-                                                 const std::vector<std::uint64_t>& kept, double spacing) {
-  order_.resize(candidates.size());
+// Patch by patch: those in `kept`, and points that span the patch; pairs of surfaces are numbered on the way.
+void ContactReduction::propose(const std::vector<Contact>& all, const std::vector<std::uint64_t>& kept) {
+  order_.resize(all.size());
   std::iota(order_.begin(), order_.end(), 0);
   std::sort(order_.begin(), order_.end(), [&](int a, int b) {
-    const Contact& p = candidates[a];
-    const Contact& q = candidates[b];
+    const Contact& p = all[a];
+    const Contact& q = all[b];
     return std::tuple(p.first.body, p.partner, p.patch, a) < std::tuple(q.first.body, q.partner, q.patch, b);
   });
-  const auto samePatch = [](const Contact& a, const Contact& b) {
-    return a.first.body == b.first.body && a.partner == b.partner && a.patch == b.patch;
-  };
   proposals_.clear();
-  chosen_.clear();
-  kept_.assign(candidates.size(), 0);
-  pair_.resize(candidates.size());
-  latest_.clear();
-  earlier_.assign(candidates.size(), -1);
-  for (std::size_t i = 0; i < order_.size();) {
-    const Contact& head = candidates[order_[i]];
-    const bool other_pair = i == 0 || head.first.body != candidates[order_[i - 1]].first.body ||
-                            head.partner != candidates[order_[i - 1]].partner;
-    if (other_pair) latest_.push_back(-1);
-    std::size_t end = i;
-    while (end < order_.size() && samePatch(candidates[order_[i]], candidates[order_[end]])) {
-      const int c = order_[end++];
-      pair_[c] = static_cast<int>(latest_.size()) - 1;
-      if (!std::binary_search(kept.begin(), kept.end(), candidates[c].track)) continue;
+  kept_.assign(all.size(), 0);
+  pair_.resize(all.size());
+  pairs_ = 0;
+  for (std::size_t begin = 0, end = 0; begin < order_.size(); begin = end) {
+    const Contact& head = all[order_[begin]];
+    if (begin == 0 || !samePair(head, all[order_[begin - 1]])) ++pairs_;
+    for (; end < order_.size() && samePatch(head, all[order_[end]]); ++end) {
+      const int c = order_[end];
+      pair_[c] = pairs_ - 1;
+      if (!std::binary_search(kept.begin(), kept.end(), all[c].track)) continue;
       kept_[c] = 1;
       proposals_.push_back(c);
     }
-    // by facing: the deepest one's side first
-    while (i < end) {
-      const int deepest = *std::min_element(
-          order_.begin() + static_cast<std::ptrdiff_t>(i), order_.begin() + static_cast<std::ptrdiff_t>(end),
-          [&](int a, int b) { return candidates[a].end_gap < candidates[b].end_gap; });
-      const Vec3 facing = candidates[deepest].normal;
-      const auto middle = std::partition(order_.begin() + static_cast<std::ptrdiff_t>(i),
-                                         order_.begin() + static_cast<std::ptrdiff_t>(end),
-                                         [&](int a) { return candidates[a].normal.dot(facing) > kSameFacing; });
-      const auto split = std::max(static_cast<std::size_t>(middle - order_.begin()), i + 1);
-      extremePoints(candidates, i, split);
-      i = split;
-    }
+    proposeByFacing(all, begin, end);
   }
+}
+
+// Extreme points of the patch order_[begin, end), of each side that it faces, the deepest one's side first.
+void ContactReduction::proposeByFacing(const std::vector<Contact>& all, std::size_t begin, std::size_t end) {
+  const auto last = order_.begin() + static_cast<std::ptrdiff_t>(end);
+  while (begin < end) {
+    const auto first = order_.begin() + static_cast<std::ptrdiff_t>(begin);
+    const int deepest = *std::min_element(first, last, [&](int a, int b) { return all[a].end_gap < all[b].end_gap; });
+    const Vec3 facing = all[deepest].normal;
+    const auto middle = std::partition(first, last, [&](int a) { return all[a].normal.dot(facing) > kSameFacing; });
+    const auto split = std::max(static_cast<std::size_t>(middle - order_.begin()), begin + 1);
+    extremePoints(all, begin, split);
+    begin = split;
+  }
+}
+
+// Takes proposals, kept ones first and then the deepest, unless one of the same pair of surfaces that is taken already
+// lies nearer than `spacing` and faces the same way; those that were kept are all taken.
+void ContactReduction::takeSpaced(const std::vector<Contact>& all, double spacing) {
   std::sort(proposals_.begin(), proposals_.end(), [&](int a, int b) {
     if (kept_[a] != kept_[b]) return kept_[a] > kept_[b];
-    if (candidates[a].end_gap != candidates[b].end_gap) return candidates[a].end_gap < candidates[b].end_gap;
-    return std::tuple(candidates[a].key, a) < std::tuple(candidates[b].key, b);
+    if (all[a].end_gap != all[b].end_gap) return all[a].end_gap < all[b].end_gap;
+    return std::tuple(all[a].key, a) < std::tuple(all[b].key, b);
   });
-  taken_.assign(candidates.size(), 0);
+  chosen_.clear();
+  taken_.assign(all.size(), 0);
+  latest_.assign(static_cast<std::size_t>(pairs_), -1);
+  earlier_.assign(all.size(), -1);
   for (const int i : proposals_) {
-    const Contact& c = candidates[i];
+    const Contact& c = all[i];
     int& latest = latest_[pair_[i]];
     bool crowded = taken_[i] != 0;
     for (int j = kept_[i] ? -1 : latest; j >= 0 && !crowded; j = earlier_[j]) {
-      const Contact& o = candidates[j];
+      const Contact& o = all[j];
       crowded = o.normal.dot(c.normal) > kSameFacing && (c.position - o.position).squaredNorm() < spacing * spacing;
     }
     if (crowded) continue;
@@ -127,6 +129,12 @@ const std::vector<int>& ContactReduction::choose(const std::vector<Contact>& can
     latest = i;
     chosen_.push_back(i);
   }
+}
+
+const std::vector<int>& ContactReduction::choose(const std::vector<Contact>& candidates,
+                                                 const std::vector<std::uint64_t>& kept, double spacing) {
+  propose(candidates, kept);
+  takeSpaced(candidates, spacing);
   return chosen_;
 }
 

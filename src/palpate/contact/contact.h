@@ -34,6 +34,7 @@ struct ContactPoint {
     for (int k = 0; k < count; ++k) p += weight[k] * x.segment<3>(3 * node[k]);
     return p;
   }
+  bool operator==(const ContactPoint&) const = default;
 };
 
 /// Features of two surfaces that a contact is between; on planes: none.
@@ -43,6 +44,7 @@ struct ContactFeatures {
   int kind = 0;  ///< FeaturePair::Kind
   int first = -1;
   int second = -1;
+  bool operator==(const ContactFeatures&) const = default;
 };
 
 /// One unilateral contact with friction: gap + h normal . (v_first - v_second) >= 0.
@@ -75,7 +77,14 @@ struct Contact {
     f.row(2) = tangent2.transpose();
     return f;
   }
+  bool operator==(const Contact&) const = default;
 };
+
+/// Whether two contacts are of one pair of surfaces, and of one patch of it.
+inline bool samePair(const Contact& a, const Contact& b) {
+  return a.first.body == b.first.body && a.partner == b.partner;
+}
+inline bool samePatch(const Contact& a, const Contact& b) { return samePair(a, b) && a.patch == b.patch; }
 
 /// Tangents of a contact frame: the first is world x made tangent to the contact (world y where the normal is along x),
 /// so the linearized cone is exact for sliding along world x or y on level ground.
@@ -96,10 +105,14 @@ class ContactReduction {
                                  double spacing);
 
  private:
+  void propose(const std::vector<Contact>& all, const std::vector<std::uint64_t>& kept);
+  void proposeByFacing(const std::vector<Contact>& all, std::size_t begin, std::size_t end);
   void extremePoints(const std::vector<Contact>& all, std::size_t begin, std::size_t end);
+  void takeSpaced(const std::vector<Contact>& all, double spacing);
 
   std::vector<int> order_, proposals_, chosen_;
   std::vector<char> kept_, taken_;
+  int pairs_ = 0;                             // of surfaces
   std::vector<int> pair_, latest_, earlier_;  // pair of surfaces of a candidate; its last chosen; the one before that
 };
 

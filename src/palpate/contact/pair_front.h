@@ -9,21 +9,22 @@ namespace palpate {
 /// Where earlier searches among the same two surfaces, or within one, stopped to descend their trees: pairs of boxes
 /// or of clusters whose triangles were apart, with the motion that it takes before they can meet, and those that met.
 /// The next search goes on from there and looks only at what the surfaces' relative motion since then may have brought
-/// together. It finds the same as one from the roots.
+/// together. It finds the same as one from the roots. The front of Li and Chen 1998 ("Incremental 3D collision
+/// detection with hierarchical data structures"), with a bound of motion for each of its pairs.
 class PairFront {
  public:
   /// Vertices of the two surfaces have moved relative to each other, from the start of the last search's motion to that
-  /// of the next one, by at most `distance` [m].
+  /// of the next one, by at most `distance` [m]. A jump is a motion, too.
   void moved(double distance) {
-    odometer_ += distance;
-    if (!std::isfinite(odometer_)) forget();
+    accumulated_motion_ += distance;
+    if (!std::isfinite(accumulated_motion_)) forget();
   }
   /// The next search begins at the roots.
   void forget() {
     pairs_.clear();
-    until_.clear();
+    motion_limit_.clear();
     roots_size_ = 0;
-    odometer_ = 0;
+    accumulated_motion_ = 0;
   }
 
  private:
@@ -31,30 +32,37 @@ class PairFront {
   struct NodePair {
     int a, b;  ///< nodes of the trees; a = -1: to be removed
   };
-  static constexpr double kAlways = -std::numeric_limits<double>::infinity();
 
   /// Whether there is nothing to go on from, or a search from the roots would do with far fewer pairs.
-  bool worn(double reach) const { return roots_size_ == 0 || reach != reach_ || pairs_.size() > 2 * roots_size_ + 256; }
-  void add(NodePair pair, double until) {
+  bool mustRestart(double reach) const {
+    return roots_size_ == 0 || reach != reach_ || pairs_.size() > 2 * roots_size_ + 256;
+  }
+  /// Adds a pair that is apart until it has moved by `gap` more [m].
+  void addApart(NodePair pair, double gap) { add(pair, accumulated_motion_ + gap); }
+  /// Adds a pair that the next search has to look at in any case.
+  void addMeeting(NodePair pair) { add(pair, -std::numeric_limits<double>::infinity()); }
+  /// Whether pair i stays apart in a search along a motion of `relative` [m].
+  bool staysApart(std::size_t i, double relative) const { return accumulated_motion_ + relative < motion_limit_[i]; }
+  void add(NodePair pair, double limit) {
     pairs_.push_back(pair);
-    until_.push_back(until);
+    motion_limit_.push_back(limit);
   }
   void removeMarked() {
     std::size_t kept = 0;
     for (std::size_t i = 0; i < pairs_.size(); ++i) {
       if (pairs_[i].a < 0) continue;
       pairs_[kept] = pairs_[i];
-      until_[kept++] = until_[i];
+      motion_limit_[kept++] = motion_limit_[i];
     }
     pairs_.resize(kept);
-    until_.resize(kept);
+    motion_limit_.resize(kept);
   }
 
   std::vector<NodePair> pairs_;
-  std::vector<double> until_;   // apart as long as odometer and present motion stay below it [m]
-  double reach_ = 0;            // of the searches [m]
-  double odometer_ = 0;         // relative motion since the front began [m]
-  std::size_t roots_size_ = 0;  // pairs right after the search from the roots
+  std::vector<double> motion_limit_;  // apart as long as accumulated and present motion stay below it [m]
+  double reach_ = 0;                  // of the searches [m]
+  double accumulated_motion_ = 0;     // relative, since the front began [m]
+  std::size_t roots_size_ = 0;        // pairs right after the search from the roots
 };
 
 }  // namespace palpate

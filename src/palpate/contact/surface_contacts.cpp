@@ -3,10 +3,11 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <stdexcept>
 
 #include "palpate/common/parallel.h"
 #include "palpate/contact/feature_distance.h"
-#include "palpate/mesh/surface_measures.h"
+#include "palpate/contact/neighbor_exclusion.h"
 
 namespace palpate {
 namespace {
@@ -30,60 +31,8 @@ int heaviest(const std::array<int, 3>& vertex, const std::array<double, 3>& weig
   return vertex[best];
 }
 
-std::vector<int> sortedUnique(std::vector<int> v) {
-  std::sort(v.begin(), v.end());
-  v.erase(std::unique(v.begin(), v.end()), v.end());
-  return v;
-}
-
-// What moves almost together does not touch: surface in the same tetrahedron, in two that share a node, or in two that
-// share a neighbor where the surface runs on from one to the other (by its boxes in the rest shape).
-SelfExclusion excludeNeighbors(const CollisionSurface& surface, const std::vector<int>& tetrahedron,
-                               const TetrahedralMesh& mesh) {
-  constexpr double kRunsOn = 0.25;  // of the mean edge
-  std::vector<std::vector<int>> at_node(mesh.nodes.size());
-  double edge = 0;
-  for (std::size_t t = 0; t < mesh.tetrahedra.size(); ++t) {
-    for (int i = 0; i < 4; ++i) {
-      at_node[mesh.tetrahedra[t][i]].push_back(static_cast<int>(t));
-      for (int j = 0; j < i; ++j) {
-        edge += (mesh.nodes[mesh.tetrahedra[t][i]] - mesh.nodes[mesh.tetrahedra[t][j]]).norm() /
-                (6.0 * static_cast<double>(mesh.tetrahedra.size()));
-      }
-    }
-  }
-  std::vector<Bounds> box(mesh.tetrahedra.size());
-  std::vector<char> filled(mesh.tetrahedra.size(), 0);
-  for (const auto& t : surface.triangles()) {
-    const int group = tetrahedron[t[0]];
-    for (const int v : t) {
-      const Vec3& p = surface.rest()[v];
-      box[group].low = filled[group] ? Vec3(box[group].low.cwiseMin(p)) : p;
-      box[group].high = filled[group] ? Vec3(box[group].high.cwiseMax(p)) : p;
-      filled[group] = 1;
-    }
-  }
-  std::vector<std::vector<int>> ring(mesh.tetrahedra.size());
-  for (std::size_t t = 0; t < ring.size(); ++t) {
-    for (const int n : mesh.tetrahedra[t]) ring[t].insert(ring[t].end(), at_node[n].begin(), at_node[n].end());
-    ring[t] = sortedUnique(std::move(ring[t]));
-  }
-  std::vector<int> offset{0};
-  std::vector<int> neighbor, around;
-  for (std::size_t t = 0; t < ring.size(); ++t) {
-    around = ring[t];
-    for (const int near : ring[t]) {
-      for (const int far : ring[near]) {
-        const Vec3 apart = (box[t].low - box[far].high).cwiseMax(box[far].low - box[t].high).cwiseMax(0.0);
-        if (filled[t] && filled[far] && apart.norm() < kRunsOn * edge) around.push_back(far);
-      }
-    }
-    around = sortedUnique(std::move(around));
-    neighbor.insert(neighbor.end(), around.begin(), around.end());
-    offset.push_back(static_cast<int>(neighbor.size()));
-  }
-  return {surface, tetrahedron, offset, neighbor};
-}
+const int* nodesOf(const EmbeddingMap& embedding, int vertex) { return embedding.nodes().data() + 4 * vertex; }
+const double* weightsOf(const EmbeddingMap& embedding, int vertex) { return embedding.weights().data() + 4 * vertex; }
 
 std::uint64_t number(int i) { return static_cast<std::uint64_t>(static_cast<std::int64_t>(i)); }
 
@@ -105,11 +54,12 @@ std::array<Vec3, 4> gradients(const std::array<Vec3, 4>& x) {
   return g;
 }
 
-// Nearest ways out differ from point to point, near an edge by right angles, and would hold the surfaces in each other.
-// Where there is a common way, points that leave another one wait: they are examined again in the next step.
-class WayOut {
+// The direction in which two overlapping surfaces are to be moved apart. Nearest exits differ from point to point, near
+// an edge by right angles, and would hold the surfaces in each other. Where there is a common one, points that leave in
+// another direction wait: they are examined again in the next step.
+class CommonExit {
  public:
-  explicit WayOut(const std::vector<OverlapPoint>& points) {
+  explicit CommonExit(const std::vector<OverlapPoint>& points) {
     double depth = 0;
     for (const OverlapPoint& p : points) {
       sum_ += p.depth * ofFirst(p);
@@ -130,35 +80,6 @@ class WayOut {
 
 }  // namespace
 
-void FrictionTable::setBody(int body, double coefficient) {
-  if (static_cast<std::size_t>(body) >= bodies_.size()) bodies_.resize(static_cast<std::size_t>(body) + 1, 0.0);
-  bodies_[body] = coefficient;
-}
-
-void FrictionTable::setObstacle(int obstacle, std::optional<double> coefficient) {
-  if (static_cast<std::size_t>(obstacle) >= obstacles_.size())
-    obstacles_.resize(static_cast<std::size_t>(obstacle) + 1);
-  obstacles_[obstacle] = coefficient;
-}
-
-void FrictionTable::setPair(int first, int second, double coefficient) {
-  pairs_.push_back({std::min(first, second), std::max(first, second), coefficient});
-}
-
-double FrictionTable::operator()(int first, int second) const {
-  const int low = std::min(first, second);
-  const int high = std::max(first, second);
-  for (const Pair& p : pairs_) {
-    if (p.low == low && p.high == high) return scale_ * p.coefficient;
-  }
-  if (low < 0) {
-    const auto index = static_cast<std::size_t>(-1 - low);
-    if (index < obstacles_.size() && obstacles_[index]) return scale_ * *obstacles_[index];
-    return high >= 0 ? scale_ * bodies_[high] : 0.0;
-  }
-  return scale_ * std::sqrt(bodies_[low] * bodies_[high]);
-}
-
 int SurfaceContacts::id(const Item& item) {
   return item.body >= 0 ? item.body : FrictionTable::obstacle(item.obstacle);
 }
@@ -174,14 +95,12 @@ void SurfaceContacts::addBody(int body, const SimulationMesh& mesh, bool self) {
   // one carrier: let the surface's own places make the groups
   if (mesh.mesh.tetrahedra.size() == 1) clusters.clear();
   item.surface = CollisionSurface(mesh.surface, clusters);
-  item.nodes.reserve(mesh.embedding.size());
+  item.embedding = EmbeddingMap(mesh.mesh, mesh.embedding);
   for (const EmbeddedPoint& p : mesh.embedding) {
-    item.nodes.push_back(mesh.mesh.tetrahedra[p.tetrahedron]);
-    item.weights.push_back(p.weights);
     item.patch.push_back(p.tetrahedron);
-    double leverage = 0;
-    for (const double w : p.weights) leverage += std::abs(w);
-    item.leverage = std::max(item.leverage, leverage);
+    double extension = 0;
+    for (const double w : p.weights) extension += std::abs(w);
+    item.extension = std::max(item.extension, extension);
   }
   item.start.resize(static_cast<Eigen::Index>(3 * mesh.mesh.nodes.size()));
   for (std::size_t n = 0; n < mesh.mesh.nodes.size(); ++n) {
@@ -220,11 +139,11 @@ void SurfaceContacts::place(const Item& item, const VecX& x, Put put) {
   nodes_.resize(static_cast<std::size_t>(n));
   for (Eigen::Index i = 0; i < n; ++i) nodes_[i] << x.segment<3>(3 * i), 0.0;
   constexpr int kLeast = 512, kMostParts = 32;
-  const int count = static_cast<int>(item.nodes.size()), parts = std::min(1 + count / kLeast, kMostParts);
-  parallelFor(parts, [&](int part) {
-    for (int v = partBegin(part, parts, count); v < partBegin(part + 1, parts, count); ++v) {
-      const auto& node = item.nodes[v];
-      const auto& weight = item.weights[v];
+  const int count = item.embedding.points(), parts = std::min(1 + count / kLeast, kMostParts);
+  parallelRanges(parts, count, [&](int begin, int end) {
+    for (int v = begin; v < end; ++v) {
+      const int* node = nodesOf(item.embedding, v);
+      const double* weight = weightsOf(item.embedding, v);
       const Eigen::Vector4d p = weight[0] * nodes_[node[0]] + weight[1] * nodes_[node[1]] +
                                 weight[2] * nodes_[node[2]] + weight[3] * nodes_[node[3]];
       put(v, p);
@@ -237,8 +156,10 @@ void SurfaceContacts::placeEnd(Item& item, const std::array<int, 3>& vertices) {
   if (item.end_placed) return;
   for (const int v : vertices) {
     if (v < 0) continue;
+    const int* node = nodesOf(item.embedding, v);
+    const double* weight = weightsOf(item.embedding, v);
     Eigen::Vector4d p = Eigen::Vector4d::Zero();
-    for (int k = 0; k < 4; ++k) p.head<3>() += item.weights[v][k] * item.end.segment<3>(3 * item.nodes[v][k]);
+    for (int k = 0; k < 4; ++k) p.head<3>() += weight[k] * item.end.segment<3>(3 * node[k]);
     item.surface.placeEnd(v, p);
   }
 }
@@ -256,7 +177,7 @@ MotionBounds SurfaceContacts::motionOf(const Item& item, const VecX& from, const
     high = high.cwiseMax(a).cwiseMax(b);
   }
   const auto widen = [&](Vec3& from_here, Vec3& to_here) {
-    const Vec3 middle = 0.5 * (from_here + to_here), half = (0.5 + 1e-9) * item.leverage * (to_here - from_here);
+    const Vec3 middle = 0.5 * (from_here + to_here), half = (0.5 + 1e-9) * item.extension * (to_here - from_here);
     from_here = middle - half;
     to_here = middle + half;
   };
@@ -304,7 +225,7 @@ void SurfaceContacts::refit(Item& item) {
   }
   item.end_placed = true;
   constexpr double kTight = 2.0;
-  if (item.leverage < kTight) {
+  if (item.extension < kTight) {
     item.surface.refit(motionOf(item, item.start, item.end));
   } else {
     item.surface.refit();
@@ -313,8 +234,23 @@ void SurfaceContacts::refit(Item& item) {
   item.stale = false;
 }
 
-void SurfaceContacts::distrust() {
-  for (PairState& p : pairs_) p.suspect = true;
+void SurfaceContacts::recheckOverlaps() {
+  for (PairState& p : pairs_) p.may_overlap = true;
+}
+
+SurfaceContactsState SurfaceContacts::state() const {
+  SurfaceContactsState out;
+  for (const PairState& p : pairs_) out.may_overlap.push_back(p.may_overlap ? 1 : 0);
+  return out;
+}
+
+void SurfaceContacts::restore(const SurfaceContactsState& state) {
+  if (state.may_overlap.size() != pairs_.size())
+    throw std::invalid_argument("SurfaceContacts::restore: another number of surfaces");
+  for (std::size_t i = 0; i < pairs_.size(); ++i) {
+    pairs_[i].may_overlap = state.may_overlap[i] != 0;
+    pairs_[i].points.clear();  // examineOverlaps() finds those of pairs that may overlap
+  }
 }
 
 void SurfaceContacts::examineOverlaps() {
@@ -322,12 +258,12 @@ void SurfaceContacts::examineOverlaps() {
   for (std::size_t b = 1; b < items_.size(); ++b) {
     for (std::size_t a = 0; a < b; ++a) {
       PairState& state = pair(a, b);
-      if (!state.suspect || (items_[a].body < 0 && items_[b].body < 0)) continue;
+      if (!state.may_overlap || (items_[a].body < 0 && items_[b].body < 0)) continue;
       refit(items_[a]);
       refit(items_[b]);
       state.points.clear();
       findOverlaps(items_[a].surface, items_[b].surface, state.points);
-      state.suspect = !state.points.empty();
+      state.may_overlap = !state.points.empty();
       for (const OverlapPoint& p : state.points) overlap_ = std::max(overlap_, p.depth);
     }
   }
@@ -361,9 +297,11 @@ ContactPoint SurfaceContacts::point(const Item& item, const std::array<int, 3>& 
   if (item.body < 0) return out;
   for (int i = 0; i < 3; ++i) {
     if (vertex[i] < 0 || weight[i] == 0) continue;
+    const int* node = nodesOf(item.embedding, vertex[i]);
+    const double* share = weightsOf(item.embedding, vertex[i]);
     for (int k = 0; k < 4; ++k) {
-      const double w = weight[i] * item.weights[vertex[i]][k];
-      if (w != 0) out.add(item.nodes[vertex[i]][k], w);
+      const double w = weight[i] * share[k];
+      if (w != 0) out.add(node[k], w);
     }
   }
   return out;
@@ -373,15 +311,15 @@ ContactPoint SurfaceContacts::point(const Item& item, const std::array<int, 3>& 
 // points of a contact lie at the same place, and equal and opposite impulses have no moment.
 void SurfaceContacts::shift(const Item& item, int vertex, const Vec3& offset, ContactPoint& point) {
   if (item.body < 0) return;
+  const int* node = nodesOf(item.embedding, vertex);
   std::array<Vec3, 4> x;
-  for (int k = 0; k < 4; ++k) x[k] = item.start.segment<3>(3 * item.nodes[vertex][k]);
+  for (int k = 0; k < 4; ++k) x[k] = item.start.segment<3>(3 * node[k]);
   const std::array<Vec3, 4> g = gradients(x);
-  for (int k = 0; k < 4; ++k) point.add(item.nodes[vertex][k], g[k].dot(offset));
+  for (int k = 0; k < 4; ++k) point.add(node[k], g[k].dot(offset));
 }
 
-void SurfaceContacts::add(std::size_t ia, std::size_t ib, const FeaturePair& pair,
-                          const SurfaceContactSettings& settings, double mu, bool overlapping,
-                          std::vector<Contact>& out) {
+void SurfaceContacts::add(std::size_t ia, std::size_t ib, const FeaturePair& pair, const ContactSettings& settings,
+                          double mu, bool overlapping, std::vector<Contact>& out) {
   const Item& a = items_[ia];
   const Item& b = items_[ib];
   const Vec3 start_a = at(a.surface.start, pair.first_vertex, pair.first_weight);
@@ -413,7 +351,7 @@ void SurfaceContacts::add(std::size_t ia, std::size_t ib, const FeaturePair& pai
                 pair.second_feature};
   c.first = point(a, pair.first_vertex, pair.first_weight);
   c.second = point(b, pair.second_vertex, pair.second_weight);
-  if (b.body >= 0 && (start_a - start_b).norm() < 2.0 * (settings.thickness + settings.reach)) {
+  if (b.body >= 0 && (start_a - start_b).norm() < 2.0 * settings.surfaceReach()) {
     const Vec3 middle = 0.5 * (start_a + start_b);
     shift(a, vertex_a, middle - start_a, c.first);
     shift(b, vertex_b, middle - start_b, c.second);
@@ -424,7 +362,7 @@ void SurfaceContacts::add(std::size_t ia, std::size_t ib, const FeaturePair& pai
 
 // Surfaces that start in each other: the inner point against the other's nearest outer place.
 void SurfaceContacts::addOverlap(std::size_t ia, std::size_t ib, const OverlapPoint& overlap,
-                                 const SurfaceContactSettings& settings, double mu, std::vector<Contact>& out) {
+                                 const ContactSettings& settings, double mu, std::vector<Contact>& out) {
   Item& inner = items_[overlap.of_first ? ia : ib];
   const Item& outer = items_[overlap.of_first ? ib : ia];
   Contact c;
@@ -450,20 +388,13 @@ void SurfaceContacts::addOverlap(std::size_t ia, std::size_t ib, const OverlapPo
   out.push_back(c);
 }
 
-void SurfaceContacts::follow(const Contact& earlier, const SurfaceContactSettings& settings,
-                             const FrictionTable& friction, std::vector<Contact>& out) {
-  const ContactFeatures& f = earlier.features;
-  if (f.first < 0) return;
-  const auto ia = static_cast<std::size_t>(f.first_surface);
-  const auto ib = static_cast<std::size_t>(f.second_surface);
-  if (ia != ib && !pair(std::min(ia, ib), std::max(ia, ib)).points.empty()) return;
-  const CollisionSurface& a = items_[ia].surface;
-  const CollisionSurface& b = items_[ib].surface;
+// The pair of features where it is at the start: closest points, distance and normal.
+FeaturePair SurfaceContacts::pairAtStart(const ContactFeatures& f, const CollisionSurface& a,
+                                         const CollisionSurface& b) {
   FeaturePair pair;
   pair.kind = static_cast<FeaturePair::Kind>(f.kind);
   pair.first_feature = f.first;
   pair.second_feature = f.second;
-  const std::array<double, 3> one{1, 0, 0};
   if (pair.kind == FeaturePair::Kind::edge_edge) {
     const auto& ea = a.edges()[f.first];
     const auto& eb = b.edges()[f.second];
@@ -480,26 +411,40 @@ void SurfaceContacts::follow(const Contact& earlier, const SurfaceContactSetting
     const Vec3& p = vertex_first ? a.start[vertex] : b.start[vertex];
     const TrianglePoint q = closestOnTriangle(p, x[face[0]], x[face[1]], x[face[2]]);
     (vertex_first ? pair.first_vertex : pair.second_vertex) = {vertex, -1, -1};
-    (vertex_first ? pair.first_weight : pair.second_weight) = one;
+    (vertex_first ? pair.first_weight : pair.second_weight) = {1, 0, 0};
     (vertex_first ? pair.second_vertex : pair.first_vertex) = face;
     (vertex_first ? pair.second_weight : pair.first_weight) = q.weight;
   }
   const Vec3 line =
       at(a.start, pair.first_vertex, pair.first_weight) - at(b.start, pair.second_vertex, pair.second_weight);
-  const double distance = line.norm();
-  if (!(distance < settings.thickness + settings.reach) || !(distance > 1e-3 * settings.thickness)) return;
-  pair.start_distance = distance;
-  pair.normal = line / distance;
+  pair.start_distance = line.norm();
+  pair.normal = line / pair.start_distance;
+  return pair;
+}
+
+void SurfaceContacts::follow(const Contact& earlier, const ContactSettings& settings, const FrictionTable& friction,
+                             std::vector<Contact>& out) {
+  const ContactFeatures& f = earlier.features;
+  if (f.first < 0) return;
+  const auto ia = static_cast<std::size_t>(f.first_surface);
+  const auto ib = static_cast<std::size_t>(f.second_surface);
+  if (ia != ib && !pair(std::min(ia, ib), std::max(ia, ib)).points.empty()) return;
+  Item& a = items_[ia];
+  Item& b = items_[ib];
+  FeaturePair pair = pairAtStart(f, a.surface, b.surface);
+  const double distance = pair.start_distance;
+  if (!(distance < settings.surfaceReach()) || !(distance > 1e-3 * settings.thickness)) return;
   // turned far since: another side of the features, which has pairs of its own
   if (pair.normal.dot(earlier.normal) < 0.7) return;
-  placeEnd(items_[ia], pair.first_vertex);
-  placeEnd(items_[ib], pair.second_vertex);
-  const Vec3 end = at(a.end, pair.first_vertex, pair.first_weight) - at(b.end, pair.second_vertex, pair.second_weight);
+  placeEnd(a, pair.first_vertex);
+  placeEnd(b, pair.second_vertex);
+  const Vec3 end = at(a.surface.end, pair.first_vertex, pair.first_weight) -
+                   at(b.surface.end, pair.second_vertex, pair.second_weight);
   pair.end_distance = pair.normal.dot(end);
   if (ia == ib)
     pair.rest_distance = (earlier.thickness < settings.thickness ? earlier.thickness / kSlackShare
                                                                  : std::numeric_limits<double>::infinity());
-  add(ia, ib, pair, settings, friction(id(items_[ia]), id(items_[ib])), false, out);
+  add(ia, ib, pair, settings, friction(id(a), id(b)), false, out);
 }
 
 // A path that runs into the other surface tells little about what comes after: edges that hit late do so from odd
@@ -512,30 +457,29 @@ void SurfaceContacts::keepDependable() {
   }
   const bool hits = first < 1.0;
   std::erase_if(found_, [&](const FeaturePair& p) {
-    if (!p.hit) return p.behind || (hits && p.reference_time == 1);
+    if (!p.hit) return p.from_inside || (hits && p.reference_time == 1);
     if (p.toi <= first + kTogether) return false;
-    return p.behind || p.kind == FeaturePair::Kind::edge_edge;
+    return p.from_inside || p.kind == FeaturePair::Kind::edge_edge;
   });
 }
 
-void SurfaceContacts::findOverlapping(const SurfaceContactSettings& settings, const FrictionTable& friction,
+void SurfaceContacts::findOverlapping(const ContactSettings& settings, const FrictionTable& friction,
                                       std::vector<Contact>& out) {
   for (std::size_t b = 1; b < items_.size(); ++b) {
     for (std::size_t a = 0; a < b; ++a) {
       const PairState& state = pair(a, b);
       if (state.points.empty()) continue;
       const double mu = friction(id(items_[a]), id(items_[b]));
-      const WayOut way(state.points);
+      const CommonExit exit(state.points);
       for (const OverlapPoint& p : state.points) {
-        if (way.takes(p)) addOverlap(a, b, p, settings, mu, out);
+        if (exit.takes(p)) addOverlap(a, b, p, settings, mu, out);
       }
     }
   }
 }
 
-void SurfaceContacts::find(const SurfaceContactSettings& settings, const FrictionTable& friction,
-                           std::vector<Contact>& out) {
-  const double reach = settings.thickness + settings.reach;
+void SurfaceContacts::find(const ContactSettings& settings, const FrictionTable& friction, std::vector<Contact>& out) {
+  const double reach = settings.surfaceReach();
   for (Item& item : items_) refit(item);
   for (std::size_t b = 0; b < items_.size(); ++b) {
     if (items_[b].self) {

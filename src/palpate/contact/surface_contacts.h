@@ -1,44 +1,25 @@
 #pragma once
 
 #include <cstdint>
-#include <optional>
-#include <string>
 #include <vector>
 
 #include "palpate/contact/collision_surface.h"
 #include "palpate/contact/contact.h"
+#include "palpate/contact/contact_settings.h"
+#include "palpate/contact/friction_table.h"
 #include "palpate/contact/overlap.h"
 #include "palpate/contact/surface_pairs.h"
+#include "palpate/mesh/embedding_map.h"
 #include "palpate/mesh/types.h"
 
 namespace palpate {
 
-/// Coulomb coefficients: of a pair where it is given, else of the obstacle, else the geometric mean of both bodies'
-/// own. Bodies count from 0; obstacle i is -1 - i.
-class FrictionTable {
- public:
-  void setBody(int body, double coefficient);
-  void setObstacle(int obstacle, std::optional<double> coefficient);
-  void setPair(int first, int second, double coefficient);
-  /// Multiplies all coefficients; 1 at first.
-  void setScale(double scale) { scale_ = scale; }
-  double operator()(int first, int second) const;
-  static int obstacle(int index) { return -1 - index; }
-
- private:
-  struct Pair {
-    int low, high;
-    double coefficient;
-  };
-  double scale_ = 1.0;
-  std::vector<double> bodies_;
-  std::vector<std::optional<double>> obstacles_;
-  std::vector<Pair> pairs_;
-};
-
-struct SurfaceContactSettings {
-  double thickness = 2e-4;  ///< gap that surfaces keep [m]
-  double reach = 2e-4;      ///< pairs nearer than thickness + reach, at the start or the end, are candidates [m]
+/// What the next step's contacts between surfaces depend on beside the positions of their nodes. All else that
+/// SurfaceContacts keeps from step to step only saves time: without it the results have the same bits.
+struct SurfaceContactsState {
+  /// One a pair of surfaces: 0 where they were seen apart, since when contact keeps them so; overlap is not looked for.
+  std::vector<char> may_overlap;
+  bool operator==(const SurfaceContactsState&) const = default;
 };
 
 /// Contact between triangle surfaces: of bodies, soft and rigid, with each other, with themselves, with fixed ones.
@@ -58,17 +39,22 @@ class SurfaceContacts {
   void setEnd(int body, const VecX& x);
   /// Before the first find() of a step: looks for surfaces that start inside each other, among pairs that may.
   void examineOverlaps();
-  /// Every pair is examined anew in the next steps (after a state was set from outside).
-  void distrust();
+  /// Pairs that were seen apart are examined for overlap again (after positions were set from outside).
+  void recheckOverlaps();
+
+  /// Between two steps. restore() is cheap, and setStart() then takes any positions: fronts of earlier searches stay.
+  SurfaceContactsState state() const;
+  /// @param state  of an object with the same surfaces, added in the same order
+  /// Throws std::invalid_argument if it has another number of surfaces.
+  void restore(const SurfaceContactsState& state);
 
   /// Candidates along the motion from the present start to the present end; appends.
-  void find(const SurfaceContactSettings& settings, const FrictionTable& friction, std::vector<Contact>& out);
+  void find(const ContactSettings& settings, const FrictionTable& friction, std::vector<Contact>& out);
   /// Points of surfaces that start inside each other, as examineOverlaps() found them; appends.
-  void findOverlapping(const SurfaceContactSettings& settings, const FrictionTable& friction,
-                       std::vector<Contact>& out);
+  void findOverlapping(const ContactSettings& settings, const FrictionTable& friction, std::vector<Contact>& out);
   /// The same features as in an earlier step, where they now are, if they are within reach; appends. Which of the pairs
   /// around a place is nearest changes from step to step; keeping those that carried force keeps the force steady.
-  void follow(const Contact& earlier, const SurfaceContactSettings& settings, const FrictionTable& friction,
+  void follow(const Contact& earlier, const ContactSettings& settings, const FrictionTable& friction,
               std::vector<Contact>& out);
   /// Deepest overlap at the start [m], 0: none.
   double overlap() const { return overlap_; }
@@ -80,10 +66,9 @@ class SurfaceContacts {
     bool self = false;
     CollisionSurface surface;
     SelfExclusion exclusion;
-    std::vector<std::array<int, 4>> nodes;  // of each vertex
-    std::vector<std::array<double, 4>> weights;
+    EmbeddingMap embedding;    // of the vertices
     std::vector<int> patch;    // of each vertex: what moves affinely
-    double leverage = 1;       // largest sum of a vertex's absolute weights
+    double extension = 1;      // largest sum of a vertex's absolute weights
     VecX start, end;           // node positions
     bool end_placed = true;    // the surface's end is that of the nodes
     bool end_bounded = false;  // and so are its bounds
@@ -92,7 +77,7 @@ class SurfaceContacts {
     PairFront front;           // of self-contact
   };
   struct PairState {
-    bool suspect = true;  // may overlap
+    bool may_overlap = true;
     std::vector<OverlapPoint> points;
     PairFront front;
   };
@@ -105,13 +90,14 @@ class SurfaceContacts {
   static MotionBounds motionOf(const Item& item, const VecX& from, const VecX& to);
   void refit(Item& item);
   static int patch(const Item& item, int vertex);
+  static FeaturePair pairAtStart(const ContactFeatures& features, const CollisionSurface& a, const CollisionSurface& b);
   static bool facesOutward(const Item& a, const Item& b, const FeaturePair& pair);
   static ContactPoint point(const Item& item, const std::array<int, 3>& vertex, const std::array<double, 3>& weight);
   static void shift(const Item& item, int vertex, const Vec3& offset, ContactPoint& point);
-  void add(std::size_t ia, std::size_t ib, const FeaturePair& pair, const SurfaceContactSettings& settings, double mu,
+  void add(std::size_t ia, std::size_t ib, const FeaturePair& pair, const ContactSettings& settings, double mu,
            bool overlapping, std::vector<Contact>& out);
   void keepDependable();
-  void addOverlap(std::size_t ia, std::size_t ib, const OverlapPoint& overlap, const SurfaceContactSettings& settings,
+  void addOverlap(std::size_t ia, std::size_t ib, const OverlapPoint& overlap, const ContactSettings& settings,
                   double mu, std::vector<Contact>& out);
 
   std::vector<Item> items_;

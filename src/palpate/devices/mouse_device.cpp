@@ -26,6 +26,34 @@ void MouseDevice::command(const HandCommand& command) noexcept {
   commands_.write(safe);
 }
 
+DeviceMemory MouseDevice::save() const {
+  DeviceMemory memory = SimulatedDevice::save();
+  append(memory, current_.driver == HandCommand::Driver::hand ? 1.0 : 0.0);
+  append(memory, current_.pose);
+  append(memory, current_.sequence);
+  append(memory, current_.plays);
+  append(memory, target_.pose);
+  append(memory, target_.twist);
+  append(memory, path_start_);
+  append(memory, left_);
+  return memory;
+}
+
+void MouseDevice::restore(const DeviceMemory& memory) {
+  MemoryReader reader(memory, kMemory + 25, name());
+  SimulatedDevice::read(reader);
+  current_.driver = reader.number() == 1.0 ? HandCommand::Driver::hand : HandCommand::Driver::path;
+  current_.pose = reader.pose();
+  current_.sequence = static_cast<std::uint32_t>(reader.number());
+  current_.plays = static_cast<std::uint32_t>(reader.number());
+  target_.pose = reader.pose();
+  target_.twist = reader.vec6();
+  path_start_ = reader.number();
+  left_ = reader.number();
+  taken_.store(current_.sequence, std::memory_order_relaxed);
+  commands_.write(current_);  // in place of what waits there, which may be of another time
+}
+
 Path::Point MouseDevice::target(double t, double dt) noexcept {
   if (const HandCommand* newest = commands_.read()) {
     if (newest->plays != current_.plays) path_start_ = t;

@@ -37,6 +37,10 @@ class MouseDevice final : public SimulatedDevice {
   MouseDevice(const SimulatedDeviceSettings& settings, Path path, const Pose& start, const MouseSettings& mouse = {});
 
   const char* name() const noexcept override { return "mouse"; }
+  /// With the last command that a tick has taken; one that waits still comes from outside and is not remembered.
+  DeviceMemory save() const override;
+  /// While nobody calls command(): a command that no tick has taken is forgotten.
+  void restore(const DeviceMemory& memory) override;
 
   /// From one thread, any time; the tick takes the newest. A pose that is not finite or no rotation is ignored.
   void command(const HandCommand& command) noexcept;

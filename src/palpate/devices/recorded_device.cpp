@@ -31,6 +31,11 @@ DeviceState RecordedDevice::sample(double t) noexcept {
   return between(row, samples[row_ + 1], t);
 }
 
+void RecordedDevice::restore(const DeviceMemory& memory) {
+  Device::restore(memory);
+  row_ = 0;
+}
+
 DeviceState RecordedDevice::between(const MotionSample& from, const MotionSample& to, double t) const noexcept {
   const double length = to.time - from.time;
   const double share = std::fmax(0.0, t - from.time) / length;

@@ -20,6 +20,8 @@ class RecordedDevice final : public Device {
   DeviceLimits limits() const noexcept override { return limits_; }
   DeviceState sample(double t) noexcept override;
   void apply(const Vec6&, double, double) noexcept override {}
+  /// Nothing is remembered, as time alone says where the motion is; time may then begin anew anywhere.
+  void restore(const DeviceMemory& memory) override;
 
   /// Time of the last row [s].
   double duration() const noexcept { return recording_.samples.back().time; }

@@ -31,10 +31,10 @@ SimulatedDevice::SimulatedDevice(const SimulatedDeviceSettings& settings, Path p
   require(not_negative(settings.hand_damping), "hand_damping", "must not be negative");
   require(positive(settings.hand_rotational_stiffness), "hand_rotational_stiffness", "must be positive");
   require(not_negative(settings.hand_rotational_damping), "hand_rotational_damping", "must not be negative");
-  startInEquilibrium(Vec6::Zero());
+  SimulatedDevice::begin(Vec6::Zero());
 }
 
-void SimulatedDevice::startInEquilibrium(const Vec6& wrench) noexcept {
+void SimulatedDevice::begin(const Vec6& wrench) noexcept {
   hand_offset_.head<3>() = -wrench.head<3>() / settings_.hand_stiffness;
   hand_offset_.tail<3>() = -wrench.tail<3>() / settings_.hand_rotational_stiffness;
   const double turn = hand_offset_.tail<3>().norm();
@@ -49,6 +49,25 @@ void SimulatedDevice::apply(const Vec6& wrench, double t, double dt) noexcept {
   wanted.pose = advance(wanted.pose, hand_offset_);
   moveLinear(wrench.head<3>(), wanted, dt);
   moveAngular(wrench.tail<3>(), wanted, dt);
+}
+
+DeviceMemory SimulatedDevice::save() const {
+  DeviceMemory memory;
+  append(memory, state_.pose);
+  append(memory, state_.twist);
+  append(memory, hand_offset_);
+  return memory;
+}
+
+void SimulatedDevice::restore(const DeviceMemory& memory) {
+  MemoryReader reader(memory, kMemory, name());
+  read(reader);
+}
+
+void SimulatedDevice::read(MemoryReader& memory) noexcept {
+  state_.pose = memory.pose();
+  state_.twist = memory.vec6();
+  hand_offset_ = memory.vec6();
 }
 
 void SimulatedDevice::moveLinear(const Vec3& force, const Path::Point& target, double dt) noexcept {

@@ -32,21 +32,26 @@ class SimulatedDevice : public Device {
   /// @throws InputError for a mass or inertia that is not positive, or stiffness and damping that are negative
   SimulatedDevice(const SimulatedDeviceSettings& settings, Path path, const Pose& start);
 
-  /// Puts the device at the path's beginning, at rest, with a hand that already carries `wrench` [N; N m]: its target
-  /// is moved, for the whole run, by what its springs give under that load.
-  void startInEquilibrium(const Vec6& wrench) noexcept;
-
   const char* name() const noexcept override { return "simulated"; }
   DeviceLimits limits() const noexcept override { return settings_.limits; }
+  /// Puts the device at the path's beginning, at rest, with a hand in equilibrium: its target is moved, for the whole
+  /// run, by what its springs give under the load.
+  void begin(const Vec6& wrench) noexcept override;
   /// State at the end of the last apply(); t only says when that is.
   DeviceState sample(double t) noexcept override;
   void apply(const Vec6& wrench, double t, double dt) noexcept override;
+  DeviceMemory save() const override;
+  void restore(const DeviceMemory& memory) override;
 
  protected:
-  /// Where the hand wants the device at the end of the tick [t, t + dt), before startInEquilibrium()'s offset.
+  /// Where the hand wants the device at the end of the tick [t, t + dt), before begin()'s offset.
   virtual Path::Point target(double t, double dt) noexcept { return path_.at(t + dt, start_); }
   const Pose& startPose() const noexcept { return start_; }
   const Path& path() const noexcept { return path_; }
+
+  /// How many numbers save() gives.
+  static constexpr std::size_t kMemory = 19;
+  void read(MemoryReader& memory) noexcept;
 
  private:
   void moveLinear(const Vec3& force, const Path::Point& target, double dt) noexcept;

@@ -55,31 +55,27 @@ ElasticElement makeElement(const SimulationMesh& mesh, int index, const ElementM
   return e;
 }
 
-// Not inlined, so that forces found ahead are those found anew to the last bit, wherever the compiler contracts.
-[[gnu::noinline]] Mat3 gradientOf(const ElasticElement& e, const VecX& x) { return e.deformationGradient(x); }
-
-bool same(const VecX& a, const VecX& b) { return a.size() == b.size() && a == b; }
-
-}  // namespace
-
-[[gnu::noinline]] ElasticMesh::ElementForces ElasticMesh::forcesOf(const ElasticElement& e, const Mat3& rotation,
-                                                                   const Mat3& gradient) {
+// With the stiffness scaled: K of the element's own moduli times scale.
+ElementForces forcesOf(const ElasticElement& e, double scale, const Mat3& rotation, const Mat3& gradient) {
+  const double mu = scale * e.mu, lambda = scale * e.lambda;
   const Mat3 g = rotation.transpose() * gradient;
   Mat3 strain = 0.5 * (g + g.transpose());
   strain.diagonal().array() -= 1.0;
   const double trace = strain.trace();
-  Mat3 stress = 2.0 * e.mu * strain;
-  stress.diagonal().array() += e.lambda * trace;
+  Mat3 stress = 2.0 * mu * strain;
+  stress.diagonal().array() += lambda * trace;
   const Mat3 p = rotation * stress;
   ElementForces own;
   for (int k = 0; k < 4; ++k) own.force[k] = -p * e.gradient[k];
-  own.energy = e.mu * strain.squaredNorm() + 0.5 * e.lambda * trace * trace;
+  own.energy = mu * strain.squaredNorm() + 0.5 * lambda * trace * trace;
   return own;
 }
 
-void ElasticMesh::add(const ElasticElement& e, const ElementForces& own, VecX& f) {
+void add(const ElasticElement& e, const ElementForces& own, VecX& f) {
   for (int k = 0; k < 4; ++k) f.segment<3>(3 * e.node[k]) += own.force[k];
 }
+
+}  // namespace
 
 std::vector<Vec3> elementCentroids(const TetrahedralMesh& mesh) {
   std::vector<Vec3> centroids;
@@ -116,68 +112,56 @@ ElasticMesh::ElasticMesh(const SimulationMesh& mesh, const Material& material,
   }
 }
 
-void ElasticMesh::updateRotations(const VecX& x) {
-  if (same(ahead_x_, x)) {
-    setRotations(ahead_);
-    forces_x_ = x;
-    return;
-  }
-  ahead_x_.resize(0);
-  forces_x_.resize(0);
-  for (ElasticElement& e : elements_) e.rotation = polarRotation(gradientOf(e, x), e.rotation);
+ElasticState ElasticMesh::stateAt(const VecX& x) const {
+  ElasticState state;
+  state.rotations.assign(elements_.size(), Mat3::Identity());
+  updateRotations(x, state);
+  return state;
 }
 
-void ElasticMesh::scaleStiffness(double factor) {
-  for (ElasticElement& e : elements_) {
-    e.lambda *= factor;
-    e.mu *= factor;
+void ElasticMesh::updateRotations(const VecX& x, ElasticState& state) const {
+  for (std::size_t i = 0; i < elements_.size(); ++i) {
+    state.rotations[i] = polarRotation(elements_[i].deformationGradient(x), state.rotations[i]);
   }
-  ahead_x_.resize(0);
-  forces_x_.resize(0);
 }
 
-void ElasticMesh::setRotations(const std::vector<Mat3>& rotations) {
-  for (std::size_t i = 0; i < elements_.size(); ++i) elements_[i].rotation = rotations[i];
-  ahead_x_.resize(0);
-  forces_x_.resize(0);
-}
-
-void ElasticMesh::forces(const VecX& x, VecX& f) const {
-  if (same(forces_x_, x)) {
-    f = ahead_forces_;
-    return;
-  }
+void ElasticMesh::forces(const VecX& x, const ElasticState& state, VecX& f) const {
   f.setZero(3 * nodes());
-  for (const ElasticElement& e : elements_) add(e, forcesOf(e, e.rotation, gradientOf(e, x)), f);
+  for (std::size_t i = 0; i < elements_.size(); ++i) {
+    const ElasticElement& e = elements_[i];
+    add(e, forcesOf(e, state.stiffness_scale, state.rotations[i], e.deformationGradient(x)), f);
+  }
 }
 
-double ElasticMesh::energy(const VecX& x) const {
+double ElasticMesh::energy(const VecX& x, const ElasticState& state) const {
   double sum = 0;
-  for (const ElasticElement& e : elements_) sum += forcesOf(e, e.rotation, gradientOf(e, x)).energy;
+  for (std::size_t i = 0; i < elements_.size(); ++i) {
+    const ElasticElement& e = elements_[i];
+    sum += forcesOf(e, state.stiffness_scale, state.rotations[i], e.deformationGradient(x)).energy;
+  }
   return sum;
 }
 
-double ElasticMesh::energyAt(const VecX& x) {
+double ElasticMesh::energyAt(const VecX& x, const ElasticState& state, ElasticAhead& ahead) const {
   double sum = 0;
-  ahead_.resize(elements_.size());
-  ahead_elements_.resize(elements_.size());
-  forces_x_.resize(0);
+  ahead.rotations.resize(elements_.size());
+  ahead.element.resize(elements_.size());
   constexpr int kLeast = 32, kMostParts = 32;
   const int count = static_cast<int>(elements_.size()), parts = std::min(1 + count / kLeast, kMostParts);
   parallelFor(parts, [&](int part) {
     for (int i = partBegin(part, parts, count); i < partBegin(part + 1, parts, count); ++i) {
       const ElasticElement& e = elements_[i];
-      const Mat3 gradient = gradientOf(e, x);
-      ahead_[i] = polarRotation(gradient, e.rotation);
-      ahead_elements_[i] = forcesOf(e, ahead_[i], gradient);
+      const Mat3 gradient = e.deformationGradient(x);
+      ahead.rotations[i] = polarRotation(gradient, state.rotations[i]);
+      ahead.element[i] = forcesOf(e, state.stiffness_scale, ahead.rotations[i], gradient);
     }
   });
-  ahead_forces_.setZero(3 * nodes());
+  ahead.forces.setZero(3 * nodes());
   for (int i = 0; i < count; ++i) {
-    add(elements_[i], ahead_elements_[i], ahead_forces_);
-    sum += ahead_elements_[i].energy;
+    add(elements_[i], ahead.element[i], ahead.forces);
+    sum += ahead.element[i].energy;
   }
-  ahead_x_ = x;
+  ahead.x = x;
   return sum;
 }
 
@@ -230,20 +214,23 @@ SymmetricBlockMatrix ElasticMesh::pattern(const std::vector<int>& row) {
   return a;
 }
 
-void ElasticMesh::assemble(double mass_scale, double stiffness_scale, SymmetricBlockMatrix& a) const {
-  for (int part = 0; part < kParts; ++part) assemblePart(part, mass_scale, stiffness_scale, a);
+void ElasticMesh::assemble(double mass_scale, double stiffness_scale, const ElasticState& state,
+                           SymmetricBlockMatrix& a) const {
+  for (int part = 0; part < kParts; ++part) assemblePart(part, mass_scale, stiffness_scale, state, a);
 }
 
-void ElasticMesh::assemblePart(int index, double mass_scale, double stiffness_scale, SymmetricBlockMatrix& a) const {
+void ElasticMesh::assemblePart(int index, double mass_scale, double stiffness_scale, const ElasticState& state,
+                               SymmetricBlockMatrix& a) const {
   const Part& part = parts_[index];
+  const double scale = state.stiffness_scale * stiffness_scale;
   const auto entry = [&](int slot) { return a.values.begin() + 9 * static_cast<std::ptrdiff_t>(slot); };
   std::fill(entry(part.first), entry(part.end), 0.0);
   for (const auto& [node, slot] : part.diagonal) a.block(slot).diagonal().setConstant(mass_scale * mass_[node]);
   for (const int n : part.elements) {
     const ElasticElement& e = elements_[n];
-    const std::array<Vec3, 4> c = e.rotatedGradients();
+    const std::array<Vec3, 4> c = e.rotatedGradients(state.rotations[n]);
     for (const PairSlot& s : slots_[n]) {
-      if (s.slot >= part.first && s.slot < part.end) a.block(s.slot) += stiffness_scale * e.stiffness(c, s.i, s.j);
+      if (s.slot >= part.first && s.slot < part.end) a.block(s.slot) += scale * e.stiffness(c, s.i, s.j);
     }
   }
 }

@@ -3,27 +3,12 @@
 #include <array>
 #include <vector>
 
+#include "palpate/fem/material.h"
 #include "palpate/linear/symmetric_block_matrix.h"
 #include "palpate/math/types.h"
 #include "palpate/mesh/types.h"
 
 namespace palpate {
-
-/// Isotropic material with Rayleigh damping D = alpha M + beta K.
-struct Material {
-  double youngs_modulus = 2e4;  ///< [Pa]
-  double poisson_ratio = 0.4;
-  double density = 1000.0;      ///< [kg/m^3]
-  double damping_alpha = 0.0;   ///< [1/s]; drag against the world, left out of the coupling wrench
-  double damping_beta = 0.002;  ///< [s]
-};
-
-/// What may differ from tetrahedron to tetrahedron. Damping may not: D is proportional to M and K of the whole body.
-struct ElementMaterial {
-  double youngs_modulus = 2e4;  ///< [Pa]
-  double poisson_ratio = 0.4;
-  double density = 1000.0;  ///< [kg/m^3]
-};
 
 /// Centroids of the tetrahedra [m], which decide to what part of a body each belongs.
 std::vector<Vec3> elementCentroids(const TetrahedralMesh& mesh);
@@ -37,14 +22,14 @@ struct ElasticElement {
   std::array<Vec3, 4> gradient;  ///< grad N_i in the rest shape [1/m]
   double lambda = 0;             ///< first Lame constant times the filled volume [N m]
   double mu = 0;                 ///< shear modulus times the filled volume [N m]
-  Mat3 rotation = Mat3::Identity();
 
   Mat3 stiffness(const std::array<Vec3, 4>& c, int i, int j) const {
     Mat3 k = (lambda * c[i]) * c[j].transpose() + (mu * c[j]) * c[i].transpose();
     k.diagonal().array() += mu * c[i].dot(c[j]);
     return k;
   }
-  std::array<Vec3, 4> rotatedGradients() const {
+  /// c_i = R grad N_i.
+  std::array<Vec3, 4> rotatedGradients(const Mat3& rotation) const {
     return {rotation * gradient[0], rotation * gradient[1], rotation * gradient[2], rotation * gradient[3]};
   }
   Mat3 deformationGradient(const VecX& x) const {
@@ -54,8 +39,31 @@ struct ElasticElement {
   }
 };
 
-/// Elastic body on tetrahedra: knows nodes, nothing of handles, contact or time steps. Positions and forces are flat
-/// vectors of 3 coordinates a node [m], [N].
+/// What an elastic body remembers from step to step besides its positions.
+struct ElasticState {
+  std::vector<Mat3> rotations;   ///< one an element, of the last step's start: its next polar decomposition's first guess
+  double stiffness_scale = 1.0;  ///< factor > 0 on all moduli; damping follows
+};
+
+/// Forces of one element on its nodes [N], and its energy [J].
+struct ElementForces {
+  std::array<Vec3, 4> force;
+  double energy;
+};
+
+/// Rotations and forces at the end of a step, found with its energy: those of the next step's start. A cache: what it
+/// holds is what would be found anew, to the bit.
+struct ElasticAhead {
+  VecX x;                             ///< positions that it is for; empty: none
+  std::vector<Mat3> rotations;        ///< one an element
+  VecX forces;                        ///< all nodes [N]
+  std::vector<ElementForces> element; ///< scratch
+  bool isFor(const VecX& positions) const { return x.size() == positions.size() && x == positions; }
+  void clear() { x.resize(0); }
+};
+
+/// Elastic body on tetrahedra: knows nodes, nothing of handles, contact or time steps, and does not change. Positions
+/// and forces are flat vectors of 3 coordinates a node [m], [N].
 class ElasticMesh {
  public:
   /// @throws InputError for an element of non-positive or non-finite volume, or material out of range
@@ -70,26 +78,25 @@ class ElasticMesh {
   const VecX& mass() const { return mass_; }  ///< lumped, a node [kg]
   const std::vector<ElasticElement>& elements() const { return elements_; }
 
+  /// The state at x, with polar decompositions from scratch.
+  ElasticState stateAt(const VecX& x) const;
   /// Element rotations of the given positions (polar decomposition, started from the present ones).
-  void updateRotations(const VecX& x);
-  /// Makes all elements stiffer by a factor > 0; damping follows.
-  void scaleStiffness(double factor);
-  /// Takes rotations saved earlier, one an element.
-  void setRotations(const std::vector<Mat3>& rotations);
-  /// Elastic forces at x with the present rotations; overwrites f [3 nodes].
-  void forces(const VecX& x, VecX& f) const;
-  /// Elastic energy at x with the present rotations [J]; its gradient is -forces once the rotations are those of x.
-  double energy(const VecX& x) const;
-  /// Elastic energy at x with the rotations of x [J]. Those in use stay; the new ones and their forces are kept for the
-  /// case that the next updateRotations() and forces() are for the same x, as they are when x is the end of a step.
-  double energyAt(const VecX& x);
+  void updateRotations(const VecX& x, ElasticState& state) const;
+  /// Elastic forces at x with the state's rotations; overwrites f [3 nodes].
+  void forces(const VecX& x, const ElasticState& state, VecX& f) const;
+  /// Elastic energy at x with the state's rotations [J]; its gradient is -forces once the rotations are those of x.
+  double energy(const VecX& x, const ElasticState& state) const;
+  /// Elastic energy at x with the rotations of x [J], which stay in `ahead` with their forces.
+  double energyAt(const VecX& x, const ElasticState& state, ElasticAhead& ahead) const;
 
-  /// Prepares assemble(): the pattern of the nodes with row[node] >= 0, which must number 0..n-1.
+  /// Prepares assemble(): the pattern of the nodes with row[node] >= 0, which must number 0..n-1. While a model is
+  /// built.
   SymmetricBlockMatrix pattern(const std::vector<int>& row);
-  /// a = mass_scale M + stiffness_scale K on the pattern's rows, with the present rotations.
-  void assemble(double mass_scale, double stiffness_scale, SymmetricBlockMatrix& a) const;
+  /// a = mass_scale M + stiffness_scale K on the pattern's rows, with the state's rotations.
+  void assemble(double mass_scale, double stiffness_scale, const ElasticState& state, SymmetricBlockMatrix& a) const;
   /// One of kParts shares of assemble(), which have no entry in common.
-  void assemblePart(int part, double mass_scale, double stiffness_scale, SymmetricBlockMatrix& a) const;
+  void assemblePart(int part, double mass_scale, double stiffness_scale, const ElasticState& state,
+                    SymmetricBlockMatrix& a) const;
   static constexpr int kParts = 4;
 
  private:
@@ -102,18 +109,7 @@ class ElasticMesh {
     std::vector<int> elements;
     std::vector<std::pair<int, int>> diagonal;  // node, slot
   };
-  struct ElementForces {
-    std::array<Vec3, 4> force;
-    double energy;
-  };
-  static ElementForces forcesOf(const ElasticElement& e, const Mat3& rotation, const Mat3& gradient);
-  static void add(const ElasticElement& e, const ElementForces& own, VecX& f);
   Material material_;
-  std::vector<ElementForces> ahead_elements_;
-  std::vector<Mat3> ahead_;  // rotations that energyAt() found
-  VecX ahead_forces_;        // and forces with them
-  VecX ahead_x_;             // for these positions; empty: none
-  VecX forces_x_;            // the same once the rotations are in use
   VecX mass_;
   std::vector<ElasticElement> elements_;
   std::vector<std::array<PairSlot, 10>> slots_;  // an element

@@ -56,9 +56,8 @@ void checkSizes(const ContactProblem& problem) {
 bool isFinite(const Eigen::Ref<const MatX>& w) {
   const int columns = static_cast<int>(w.cols()), parts = 1 + (columns - 1) / static_cast<int>(kPartRows);
   std::atomic<bool> good{true};
-  parallelFor(parts, [&](int part) {
-    const int begin = partBegin(part, parts, columns), count = partBegin(part + 1, parts, columns) - begin;
-    const double sum = (0.0 * w.middleCols(begin, count)).sum();
+  parallelRanges(parts, columns, [&](int begin, int end) {
+    const double sum = (0.0 * w.middleCols(begin, end - begin)).sum();
     if (!(sum == 0.0)) good.store(false, std::memory_order_relaxed);
   });
   return good.load(std::memory_order_relaxed);

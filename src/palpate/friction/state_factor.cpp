@@ -3,7 +3,6 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
-#include <utility>
 
 #include "palpate/common/parallel.h"
 #include "palpate/linear/dense_cholesky.h"
@@ -118,12 +117,18 @@ bool StateFactor::prepare(const Matrix& delassus, const VecX& rho, const std::ve
   return false;
 }
 
-/// Cholesky of the sticking rows, LU of the rest's Schur complement.
+/// The blocks of the system,  [S, R; L^T, V]  with the sticking contacts' rows and columns first (there B = C = 1):
+///   S = W + epsilon rho,   R = W B,   L = W C (W is symmetric),   V = C^T (W + epsilon rho) B + curvature.
+struct StateFactor::Blocks {
+  MapX stick, right, left, slip;
+};
+
+/// Cholesky of the sticking rows, S = G G^T, LU of the rest's Schur complement V - L^T S^-1 R. Leaves G^-1 R and G^-1
+/// L.
 bool StateFactor::factorize(const Matrix& delassus, const VecX& rho, const std::vector<FreeDirections>& free,
                             double regularization) {
-  const Eigen::Index rows = delassus.rows();
   const Unknowns unknowns = count(free);
-  const Eigen::Index ns = unknowns.stick, nv = unknowns.slip;  // clang 14 does not capture bindings
+  const Eigen::Index ns = unknowns.stick, nv = unknowns.slip;
   stick_unknowns_ = static_cast<int>(ns);
   blocks_ = ns + nv > kSmall;
   if (!blocks_) return factorizeWhole(delassus, rho, free, regularization);
@@ -131,66 +136,78 @@ bool StateFactor::factorize(const Matrix& delassus, const VecX& rho, const std::
   grow(right_, ns * nv);
   grow(left_, ns * nv);
   grow(slip_matrix_, nv * nv);
+  Blocks blocks{
+      {stick_matrix_.data(), ns, ns}, {right_.data(), ns, nv}, {left_.data(), ns, nv}, {slip_matrix_.data(), nv, nv}};
+  formBlocks(delassus, rho, free, regularization, blocks);
+  if (ns > 0 && !choleskyInPlace(blocks.stick)) return false;
+  if (nv == 0) return true;
+  if (ns > 0) eliminateSticking(blocks);
+  return luInPlace(blocks.slip, pivots_);
+}
+
+void StateFactor::formBlocks(const Matrix& delassus, const VecX& rho, const std::vector<FreeDirections>& free,
+                             double regularization, Blocks& blocks) {
   constexpr int kParts = 8;
+  const Eigen::Index rows = delassus.rows();
   grow(column_, 2 * kParts * rows);
-  MapX stick(stick_matrix_.data(), ns, ns), right(right_.data(), ns, nv), left(left_.data(), ns, nv);
-  MapX slip(slip_matrix_.data(), nv, nv);
   tests_.clear();
   for (const FreeDirections& f : free) {
     if (f.dims < 3) tests_.push_back({3 * f.contact, f.dims == 2, {f.c(1, 1), f.c(2, 1)}});
   }
-  const auto fill = [&](const FreeDirections& j, Eigen::Map<VecX>& moved, Eigen::Map<VecX>& tested) {
-    if (j.dims == 3) {
-      for (const FreeDirections& i : free) {
-        if (i.dims != 3) break;
-        stick.block<3, 3>(i.offset, j.offset) = delassus.block<3, 3>(3 * i.contact, 3 * j.contact);
-      }
-      stick.diagonal().segment<3>(j.offset).array() += regularization * rho[j.contact];
-      return;
-    }
-    for (int d = 0; d < j.dims; ++d) {
-      const Eigen::Index column = j.offset + d;
-      moved = delassus.middleCols<3>(3 * j.contact).lazyProduct(j.b.col(d));
-      if (ns > 0) tested = delassus.middleCols<3>(3 * j.contact).lazyProduct(j.c.col(d));
-      for (const FreeDirections& i : free) {
-        if (i.dims != 3) break;
-        right.block<3, 1>(i.offset, column) = moved.segment<3>(3 * i.contact);
-        left.block<3, 1>(i.offset, column) = tested.segment<3>(3 * i.contact);
-      }
-      double* out = slip_matrix_.data() + nv * column;
-      for (const Test& i : tests_) {
-        const double* w = &moved[i.row];
-        *out++ = w[0];
-        if (i.tangential) *out++ = i.tangent[0] * w[1] + i.tangent[1] * w[2];
-      }
-      slip(column, column) += regularization * rho[j.contact] + (d == 1 ? j.curvature : 0.0);
-    }
-  };
-  const int closed = static_cast<int>(free.size());
-  parallelFor(kParts, [&](int part) {
+  parallelRanges(kParts, static_cast<int>(free.size()), [&](int begin, int end, int part) {
     double* workspace = column_.data() + 2 * part * rows;
     Eigen::Map<VecX> moved(workspace, rows), tested(workspace + rows, rows);
-    for (int j = partBegin(part, kParts, closed); j < partBegin(part + 1, kParts, closed); ++j) {
-      fill(free[static_cast<std::size_t>(j)], moved, tested);
+    for (int k = begin; k < end; ++k) {
+      const FreeDirections& j = free[static_cast<std::size_t>(k)];
+      if (j.dims < 3) {
+        formSlipColumns(delassus, rho, free, regularization, j, moved, tested, blocks);
+        continue;
+      }
+      for (const FreeDirections& i : free) {
+        if (i.dims != 3) break;
+        blocks.stick.block<3, 3>(i.offset, j.offset) = delassus.block<3, 3>(3 * i.contact, 3 * j.contact);
+      }
+      blocks.stick.diagonal().segment<3>(j.offset).array() += regularization * rho[j.contact];
     }
   });
-  if (ns > 0 && !choleskyInPlace(stick)) return false;
-  if (nv == 0) return true;
-  if (ns > 0) {
-    const int parts = 1 + static_cast<int>((nv - 1) / kPartColumns);
-    const auto columnsOf = [&](int part) {
-      return std::pair(partBegin(part, parts, static_cast<int>(nv)), partBegin(part + 1, parts, static_cast<int>(nv)));
-    };
-    parallelFor(2 * parts, [&](int part) {
-      const auto [begin, end] = columnsOf(part % parts);
-      solveLowerInPlace(stick, (part < parts ? right : left).middleCols(begin, end - begin));
-    });
-    parallelFor(parts, [&](int part) {
-      const auto [begin, end] = columnsOf(part);
-      slip.middleCols(begin, end - begin).noalias() -= left.transpose() * right.middleCols(begin, end - begin);
-    });
+}
+
+/// Columns of R, L and V for contact j, which does not stick.
+/// @param moved, tested  workspace: W times a column of b and of c
+void StateFactor::formSlipColumns(const Matrix& delassus, const VecX& rho, const std::vector<FreeDirections>& free,
+                                  double regularization, const FreeDirections& j, Eigen::Map<VecX>& moved,
+                                  Eigen::Map<VecX>& tested, Blocks& blocks) const {
+  const bool any_stick = stick_unknowns_ > 0;
+  for (int d = 0; d < j.dims; ++d) {
+    const Eigen::Index column = j.offset + d;
+    moved = delassus.middleCols<3>(3 * j.contact).lazyProduct(j.b.col(d));
+    if (any_stick) tested = delassus.middleCols<3>(3 * j.contact).lazyProduct(j.c.col(d));
+    for (const FreeDirections& i : free) {
+      if (i.dims != 3) break;
+      blocks.right.block<3, 1>(i.offset, column) = moved.segment<3>(3 * i.contact);
+      blocks.left.block<3, 1>(i.offset, column) = tested.segment<3>(3 * i.contact);
+    }
+    double* out = blocks.slip.col(column).data();
+    for (const Test& i : tests_) {
+      const double* w = &moved[i.row];
+      *out++ = w[0];
+      if (i.tangential) *out++ = i.tangent[0] * w[1] + i.tangent[1] * w[2];
+    }
+    blocks.slip(column, column) += regularization * rho[j.contact] + (d == 1 ? j.curvature : 0.0);
   }
-  return luInPlace(slip, pivots_);
+}
+
+/// R <- G^-1 R, L <- G^-1 L, V <- V - L^T R.
+void StateFactor::eliminateSticking(Blocks& blocks) {
+  const int columns = static_cast<int>(blocks.slip.cols()), parts = 1 + (columns - 1) / static_cast<int>(kPartColumns);
+  parallelFor(2 * parts, [&](int part) {
+    const int begin = partBegin(part % parts, parts, columns), end = partBegin(part % parts + 1, parts, columns);
+    solveLowerInPlace(blocks.stick, (part < parts ? blocks.right : blocks.left).middleCols(begin, end - begin));
+  });
+  parallelRanges(parts, columns, [&](int begin, int end) {
+    blocks.slip.middleCols(begin, end - begin).noalias() -=
+        blocks.left.transpose() * blocks.right.middleCols(begin, end - begin);
+  });
 }
 
 /// One LU, where there are few unknowns.
@@ -308,9 +325,7 @@ bool StateFactor::formBorder(const Matrix& delassus, const VecX& rho) {
     }
   }
   const int parts = 1 + static_cast<int>((k - 1) / kPartColumns);
-  parallelFor(parts, [&](int part) {
-    const int begin = partBegin(part, parts, static_cast<int>(k)),
-              end = partBegin(part + 1, parts, static_cast<int>(k));
+  parallelRanges(parts, static_cast<int>(k), [&](int begin, int end) {
     auto own = columns.middleCols(begin, end - begin);
     solveBase(own);
     schur.middleCols(begin, end - begin).noalias() -= held.transpose() * own;

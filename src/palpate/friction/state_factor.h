@@ -63,8 +63,16 @@ class StateFactor {
     double tangent[2] = {};
   };
 
+  struct Blocks;
+
   bool factorize(const Matrix& delassus, const VecX& rho, const std::vector<FreeDirections>& free,
                  double regularization);
+  void formBlocks(const Matrix& delassus, const VecX& rho, const std::vector<FreeDirections>& free,
+                  double regularization, Blocks& blocks);
+  void formSlipColumns(const Matrix& delassus, const VecX& rho, const std::vector<FreeDirections>& free,
+                       double regularization, const FreeDirections& j, Eigen::Map<VecX>& moved,
+                       Eigen::Map<VecX>& tested, Blocks& blocks) const;
+  static void eliminateSticking(Blocks& blocks);
   bool factorizeWhole(const Matrix& delassus, const VecX& rho, const std::vector<FreeDirections>& free,
                       double regularization);
   bool compare(const std::vector<FreeDirections>& free);

@@ -14,6 +14,12 @@ struct DeviceFilterSettings {
   double max_spin = 1000.0;     ///< [rad/s]
 };
 
+/// What a filter remembers.
+struct DeviceFilterState {
+  DeviceState last;  ///< good sample
+  std::uint64_t rejected = 0;
+};
+
 /// Keeps samples that are not numbers, or absurd, out of the haptic loop and the simulation: the last good sample
 /// stands in for them. Every reader of a device has one of its own. Filtering twice changes nothing.
 class DeviceFilter {
@@ -21,24 +27,24 @@ class DeviceFilter {
   explicit DeviceFilter(const DeviceFilterSettings& settings = {}) : settings_(settings) {}
 
   /// Forgets the past; `pose`, at rest, stands in until the first good sample.
-  void reset(const Pose& pose) noexcept {
-    last_ = DeviceState{pose, Vec6::Zero(), 0};
-    rejected_ = 0;
-  }
+  void reset(const Pose& pose) noexcept { state_ = {DeviceState{pose, Vec6::Zero(), 0}, 0}; }
 
   /// The sample with a unit quaternion, or the last good one.
   const DeviceState& accept(const DeviceState& sample) noexcept {
     if (isSane(sample)) {
-      last_ = sample;
+      state_.last = sample;
       // A quaternion that is a unit one already keeps its bits, so that a replay is exact.
-      if (std::abs(sample.pose.rotation.squaredNorm() - 1.0) > 1e-12) last_.pose.rotation.normalize();
+      if (std::abs(sample.pose.rotation.squaredNorm() - 1.0) > 1e-12) state_.last.pose.rotation.normalize();
     } else {
-      ++rejected_;
+      ++state_.rejected;
     }
-    return last_;
+    return state_.last;
   }
 
-  std::uint64_t rejected() const noexcept { return rejected_; }
+  const DeviceFilterState& state() const noexcept { return state_; }
+  void restore(const DeviceFilterState& state) noexcept { state_ = state; }
+
+  std::uint64_t rejected() const noexcept { return state_.rejected; }
 
  private:
   // Written so that a NaN makes each comparison false.
@@ -49,8 +55,7 @@ class DeviceFilter {
   }
 
   DeviceFilterSettings settings_;
-  DeviceState last_;
-  std::uint64_t rejected_ = 0;
+  DeviceFilterState state_;
 };
 
 }  // namespace palpate

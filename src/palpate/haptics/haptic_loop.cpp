@@ -70,6 +70,24 @@ TickRecord HapticLoop::tick(const DeviceState& sample, const HandleModel* newest
   return record;
 }
 
+HapticLoopState HapticLoop::state() const noexcept {
+  return {filter_.state(), proxy_.state(), safety_.state(), observer_,         counters_,
+          model_,          has_model_,     start_time_,     last_device_pose_, last_sent_};
+}
+
+void HapticLoop::restore(const HapticLoopState& state) noexcept {
+  filter_.restore(state.filter);
+  proxy_.restore(state.proxy);
+  safety_.restore(state.safety);
+  observer_ = state.passivity;
+  counters_ = state.counters;
+  model_ = state.model;
+  has_model_ = state.has_model;
+  start_time_ = state.start_time;
+  last_device_pose_ = state.device_pose;
+  last_sent_ = state.sent;
+}
+
 void HapticLoop::change(Rendering rendering, double model_age_limit) noexcept {
   settings_.rendering = rendering;
   settings_.safety.model_age_limit = model_age_limit;

@@ -9,8 +9,8 @@ namespace palpate {
 
 /// Where the force comes from.
 enum class Rendering {
-  linearized,       ///< proxy pulled by the handle model: `hsl` and `hsl-exact`, which differ in the model only
-  visual_coupling,  ///< `vc`: device coupled to the newest visual handle, no proxy
+  linearized,        ///< proxy pulled by the handle model: `hsl` and `hsl-exact`, which differ in the model only
+  virtual_coupling,  ///< `vc`: device coupled to the newest visual handle, no proxy
 };
 
 /// Tool whose weight the device does not show. It is taken as rigid: a constant force at a point fixed in the handle.
@@ -33,13 +33,28 @@ struct HapticSettings {
 struct TickRecord {
   double time = 0.0;   ///< [s], as passed to tick()
   DeviceState device;  ///< sample that was used
-  Pose proxy;          ///< with visual coupling the visual handle
+  Pose proxy;          ///< with virtual coupling the visual handle
   Vec6 proxy_twist = Vec6::Zero();
   Vec6 raw = Vec6::Zero();        ///< wrench of the link on the device, before compensation and safety [N; N m]
   Vec6 sent = Vec6::Zero();       ///< wrench that goes to the device [N; N m]
   double model_age = 0.0;         ///< time - model's time [s]; infinite before the first model
   double delivered_energy = 0.0;  ///< net energy given to the hand so far [J]
   TickFlags flags;
+};
+
+/// All that a tick depends on besides its input and the settings: copied, and given back to a loop with the same
+/// settings, it makes the run go on to the bit.
+struct HapticLoopState {
+  DeviceFilterState filter;
+  ProxyState proxy;
+  SafetyState safety;
+  PassivityObserver passivity;
+  TickCounters counters;
+  HandleModel model;  ///< last good one
+  bool has_model = false;
+  double start_time = 0.0;   ///< [s]
+  Pose device_pose;          ///< of the last tick
+  Vec6 sent = Vec6::Zero();  ///< by the last tick [N; N m]
 };
 
 /// The haptic loop without its clock: lockstep and real time run the same tick. After construction nothing in it
@@ -65,6 +80,10 @@ class HapticLoop {
   /// Another way to make the force, from the next tick on; between two ticks. The proxy goes on from where it is.
   /// @param model_age_limit  at which a model is stale [s]
   void change(Rendering rendering, double model_age_limit) noexcept;
+
+  /// Between two ticks.
+  HapticLoopState state() const noexcept;
+  void restore(const HapticLoopState& state) noexcept;
 
   const TickCounters& counters() const noexcept { return counters_; }
   const PassivityObserver& passivity() const noexcept { return observer_; }

@@ -19,6 +19,12 @@ struct ProxySettings {
   double max_model_rotation = 2.0;  ///< angle from the model's reference beyond which Kx sees no more rotation [rad]
 };
 
+/// Where the proxy is; all that it remembers.
+struct ProxyState {
+  Pose pose;
+  Vec6 twist = Vec6::Zero();
+};
+
 /// One tick of the proxy as a linear system for the change of its twist, A du = b.
 struct ProxySystem {
   Mat6 matrix;  ///< A [kg, kg m; kg m, kg m^2]
@@ -45,6 +51,9 @@ class HandleProxy {
   /// C = dt Kx P + Kv, P the derivative of log(exp(dt w') R R0^T) by dt w'.
   ProxySystem assemble(const HandleModel* model, const LinkParameters& link, const DeviceState& device,
                        double dt) const noexcept;
+
+  ProxyState state() const noexcept { return {pose_, twist_}; }
+  void restore(const ProxyState& state) noexcept { reset(state.pose, state.twist); }
 
   const Pose& pose() const noexcept { return pose_; }
   const Vec6& twist() const noexcept { return twist_; }

@@ -14,8 +14,7 @@ void requireNotNegative(double value, const char* key) {
 
 }  // namespace
 
-SafetySettings safetyForDevice(const DeviceLimits& limits) {
-  SafetySettings settings;
+SafetySettings safetyForDevice(SafetySettings settings, const DeviceLimits& limits) {
   settings.peak_force = limits.peak_force;
   settings.peak_torque = limits.peak_torque;
   return settings;
@@ -26,8 +25,8 @@ double modelAgeLimit(double visual_step, int latency) { return (latency + 5) * v
 SafetyChain::SafetyChain(const SafetySettings& settings) : settings_(settings) {
   requireNotNegative(settings.peak_force, "peak_force");
   requireNotNegative(settings.peak_torque, "peak_torque");
-  requireNotNegative(settings.force_slew, "force_slew");
-  requireNotNegative(settings.torque_slew, "torque_slew");
+  requireNotNegative(settings.max_slew, "max_slew");
+  requireNotNegative(settings.max_torque_slew, "max_torque_slew");
   requireNotNegative(settings.start_ramp, "start_ramp");
   requireNotNegative(settings.model_age_limit, "model_age_limit");
   requireNotNegative(settings.model_decay, "model_decay");
@@ -38,9 +37,9 @@ SafetyChain::SafetyChain(const SafetySettings& settings) : settings_(settings) {
 
 Vec6 SafetyChain::start(const Vec6& wrench) noexcept {
   TickFlags flags;
-  previous_ = wrench.allFinite() ? clamp(wrench, flags) : Vec6(Vec6::Zero());
-  watchdog_gain_ = 1.0;
-  return settings_.start_ramp > 0.0 ? Vec6(Vec6::Zero()) : previous_;
+  state_.previous = wrench.allFinite() ? clamp(wrench, flags) : Vec6(Vec6::Zero());
+  state_.watchdog_gain = 1.0;
+  return settings_.start_ramp > 0.0 ? Vec6(Vec6::Zero()) : state_.previous;
 }
 
 SafetyChain::Output SafetyChain::process(const Input& input, const PassivityObserver& observer) noexcept {
@@ -57,7 +56,7 @@ SafetyChain::Output SafetyChain::process(const Input& input, const PassivityObse
 
   out.wrench = clamp(out.wrench, out.flags);
   out.wrench = limitSlew(out.wrench, input.dt, out.flags);
-  previous_ = out.wrench;
+  state_.previous = out.wrench;
   if (input.since_start < settings_.start_ramp) {
     out.wrench *= std::max(0.0, input.since_start / settings_.start_ramp);
     out.flags.set(TickFlag::ramping);
@@ -68,9 +67,9 @@ SafetyChain::Output SafetyChain::process(const Input& input, const PassivityObse
 double SafetyChain::updateWatchdog(double model_age, double dt, TickFlags& flags) noexcept {
   const bool stale = !(model_age <= settings_.model_age_limit);
   const double change = settings_.model_decay > dt ? dt / settings_.model_decay : 1.0;
-  watchdog_gain_ = std::clamp(watchdog_gain_ + (stale ? -change : change), 0.0, 1.0);
-  if (watchdog_gain_ < 1.0) flags.set(TickFlag::model_stale);
-  return watchdog_gain_;
+  state_.watchdog_gain = std::clamp(state_.watchdog_gain + (stale ? -change : change), 0.0, 1.0);
+  if (state_.watchdog_gain < 1.0) flags.set(TickFlag::model_stale);
+  return state_.watchdog_gain;
 }
 
 Vec6 SafetyChain::clamp(const Vec6& wrench, TickFlags& flags) const noexcept {
@@ -81,12 +80,12 @@ Vec6 SafetyChain::clamp(const Vec6& wrench, TickFlags& flags) const noexcept {
 }
 
 Vec6 SafetyChain::limitSlew(const Vec6& wrench, double dt, TickFlags& flags) const noexcept {
-  Vec6 change = wrench - previous_;
-  const bool force = cutNorm(change.head<3>(), settings_.force_slew * dt);
-  const bool torque = cutNorm(change.tail<3>(), settings_.torque_slew * dt);
+  Vec6 change = wrench - state_.previous;
+  const bool force = cutNorm(change.head<3>(), settings_.max_slew * dt);
+  const bool torque = cutNorm(change.tail<3>(), settings_.max_torque_slew * dt);
   if (!force && !torque) return wrench;
   flags.set(TickFlag::slew_limited);
-  return previous_ + change;
+  return state_.previous + change;
 }
 
 }  // namespace palpate

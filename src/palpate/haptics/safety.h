@@ -10,19 +10,25 @@ namespace palpate {
 struct SafetySettings {
   double peak_force = 3.3;        ///< norm of the force is cut to this, direction kept [N]
   double peak_torque = 0.1;       ///< [N m]; 0: no torque at all
-  double force_slew = 3000.0;     ///< largest change of the force [N/s]; a wall of 1 kN/m struck at 1 m/s needs a third
-  double torque_slew = 90.0;      ///< [N m/s]
+  double max_slew = 3000.0;       ///< largest change of the force [N/s]; a wall of 1 kN/m struck at 1 m/s needs a third
+  double max_torque_slew = 90.0;  ///< [N m/s]
   double start_ramp = 0.0;        ///< force fades in during this time after the start [s]; 0 for simulated devices
   double model_age_limit = 0.25;  ///< watchdog: wrench fades out while the model is older [s]; see modelAgeLimit()
   double model_decay = 0.1;       ///< time of that fading, and of fading in again [s]
   PassivitySettings passivity;
 };
 
-/// Limits of a device, the rest by default.
-SafetySettings safetyForDevice(const DeviceLimits& limits);
+/// The settings with the peaks of a device.
+SafetySettings safetyForDevice(SafetySettings settings, const DeviceLimits& limits);
 
 /// Age [s] at which a model is stale: four visual steps more than what `latency` explains.
 double modelAgeLimit(double visual_step, int latency);
+
+/// What the safety chain remembers.
+struct SafetyState {
+  Vec6 previous = Vec6::Zero();  ///< wrench of the last tick before the start ramp [N; N m]
+  double watchdog_gain = 1.0;    ///< 0: faded out
+};
 
 /// non-finite to zero -> watchdog -> passivity controller -> norm clamp -> slew limit -> start ramp
 class SafetyChain {
@@ -47,6 +53,9 @@ class SafetyChain {
   Vec6 start(const Vec6& wrench) noexcept;
   Output process(const Input& input, const PassivityObserver& observer) noexcept;
 
+  const SafetyState& state() const noexcept { return state_; }
+  void restore(const SafetyState& state) noexcept { state_ = state; }
+
   const SafetySettings& settings() const noexcept { return settings_; }
   /// Age at which a model is stale from the next tick on [s].
   void setModelAgeLimit(double limit) noexcept { settings_.model_age_limit = limit; }
@@ -57,8 +66,7 @@ class SafetyChain {
   Vec6 limitSlew(const Vec6& wrench, double dt, TickFlags& flags) const noexcept;
 
   SafetySettings settings_;
-  Vec6 previous_ = Vec6::Zero();  // before the ramp
-  double watchdog_gain_ = 1.0;
+  SafetyState state_;
 };
 
 }  // namespace palpate

@@ -7,14 +7,14 @@
 namespace palpate {
 namespace {
 
-constexpr std::uint32_t kText = 0, kBinary = 1;
+using protocol::RecordKind;
 constexpr std::uint32_t kGeneration = 1;
 constexpr int kBatch = 500;  // ticks
 
 }  // namespace
 
 Recorder::Recorder(const std::filesystem::path& file, const SceneConfig& config, const BuiltScene& scene,
-                   const LiveSettings& settings)
+                   const InteractiveSettings& settings)
     : path_(file),
       out_(file, std::ios::binary | std::ios::trunc),
       reader_(scene.world),
@@ -22,12 +22,12 @@ Recorder::Recorder(const std::filesystem::path& file, const SceneConfig& config,
       visual_step_(config.visual_step),
       substeps_(config.substeps) {
   if (!out_) throw InputError(file.string(), "", "cannot be written");
-  out_ << "PALPATE1";
+  out_ << protocol::kRecordingMagic;
   last_tick_.device.pose = scene.start;
-  last_tick_.proxy = scene.world.tool().handle().pose;
-  put(kText, sceneMessage(config, scene, {}, kGeneration));
-  put(kBinary, geometryMessage(scene.world, kGeneration));
-  put(kText, stateMessage(config, settings, {}, kGeneration));
+  last_tick_.proxy = scene.world.tool().state.handle.pose;
+  put(RecordKind::text, sceneMessage(config, scene, {}, kGeneration));
+  put(RecordKind::binary, geometryMessage(scene.world, kGeneration));
+  put(RecordKind::text, stateMessage(config, settings, {}, kGeneration));
 }
 
 RunSink Recorder::watch(RunSink sink) {
@@ -66,18 +66,19 @@ void Recorder::state(const World& world, const VisualRecord& step) {
   reader_.read(world, visual_step_, true, state_);
   TickRecord tick = last_tick_;
   tick.time = step.time;
-  put(kBinary, frameMessage(state_, tick, 0, kGeneration, true));
+  put(RecordKind::binary, frameMessage(state_, tick, 0, kGeneration, true));
 }
 
-void Recorder::flushSamples() { put(kBinary, samples_.take()); }
+void Recorder::flushSamples() { put(RecordKind::binary, samples_.take()); }
 
-void Recorder::put(std::uint32_t kind, const std::string& payload) {
+void Recorder::put(RecordKind kind, const std::string& payload) {
   const auto bytes = static_cast<std::uint32_t>(payload.size());
   out_.write(reinterpret_cast<const char*>(&kind), sizeof kind);
   out_.write(reinterpret_cast<const char*>(&bytes), sizeof bytes);
   out_.write(payload.data(), static_cast<std::streamsize>(payload.size()));
-  const char zeros[8] = {};
-  out_.write(zeros, static_cast<std::streamsize>((8 - payload.size() % 8) % 8));
+  const char zeros[protocol::kRecordAlignment] = {};
+  const std::size_t beyond = payload.size() % sizeof zeros;
+  if (beyond > 0) out_.write(zeros, static_cast<std::streamsize>(sizeof zeros - beyond));
 }
 
 void Recorder::finish() {

@@ -5,6 +5,7 @@
 #include <memory>
 #include <mutex>
 
+#include "palpate/protocol/layout.h"
 #include "palpate/protocol/messages.h"
 #include "palpate/record/output_folder.h"
 
@@ -17,7 +18,7 @@ class Recorder {
   /// @param file  to write; renamed by nobody but the caller
   /// @throws InputError if it cannot be written
   Recorder(const std::filesystem::path& file, const SceneConfig& config, const BuiltScene& scene,
-           const LiveSettings& settings = {});
+           const InteractiveSettings& settings = {});
 
   /// A sink that records what it needs and passes all on to `sink`. This must outlive it.
   RunSink watch(RunSink sink);
@@ -30,7 +31,7 @@ class Recorder {
   void finish();
 
  private:
-  void put(std::uint32_t kind, const std::string& payload);
+  void put(protocol::RecordKind kind, const std::string& payload);
   void flushSamples();
 
   std::mutex mutex_;

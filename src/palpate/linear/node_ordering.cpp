@@ -142,64 +142,102 @@ class Orderings {
   cholmod_sparse matrix_{};
 };
 
+/// Places of nodes among the last ones, -1: interior.
+std::vector<int> rankAmong(std::span<const int> last, int nodes) {
+  std::vector<int> rank(nodes, -1);
+  for (std::size_t k = 0; k < last.size(); ++k) rank[last[k]] = static_cast<int>(k);
+  return rank;
+}
+
+/// What the factor couples before elimination: pairs of the pattern, and all pairs of last nodes. Their Schur
+/// complement is dense for one connected body; saying so from the start keeps it in one piece.
+Pairs couplingsOf(const SymmetricBlockMatrix& pattern, std::span<const int> last, const std::vector<int>& rank) {
+  Pairs couplings;
+  for (int j = 0; j < pattern.size; ++j) {
+    for (int slot = pattern.column[j] + 1; slot < pattern.column[j + 1]; ++slot) {
+      const int i = pattern.row[slot];
+      if (rank[i] < 0 || rank[j] < 0) couplings.emplace_back(i, j);
+    }
+  }
+  for (std::size_t a = 0; a < last.size(); ++a)
+    for (std::size_t b = 0; b < a; ++b) couplings.emplace_back(last[a], last[b]);
+  return couplings;
+}
+
+/// The nodes that are not last.
+struct Interior {
+  std::vector<int> nodes;
+  Graph graph;  // of places in `nodes`
+
+  Interior(const Pairs& couplings, const std::vector<int>& rank)
+      : nodes(nodesOf(rank)), graph(static_cast<int>(nodes.size()), pairsOf(couplings, nodes, rank.size())) {}
+
+ private:
+  static std::vector<int> nodesOf(const std::vector<int>& rank) {
+    std::vector<int> nodes;
+    for (std::size_t i = 0; i < rank.size(); ++i)
+      if (rank[i] < 0) nodes.push_back(static_cast<int>(i));
+    return nodes;
+  }
+  static Pairs pairsOf(const Pairs& couplings, const std::vector<int>& nodes, std::size_t all) {
+    std::vector<int> local(all, -1);
+    for (std::size_t k = 0; k < nodes.size(); ++k) local[nodes[k]] = static_cast<int>(k);
+    Pairs pairs;
+    for (const auto& [i, j] : couplings)
+      if (local[i] >= 0 && local[j] >= 0) pairs.emplace_back(local[i], local[j]);
+    return pairs;
+  }
+};
+
+/// Keeps in `best` the ordering that takes the fewest operations; of equals the first.
+class Cheapest {
+ public:
+  Cheapest(const Graph& graph, std::span<const int> last, NodeOrdering& best)
+      : graph_(graph), last_(last), best_(best) {}
+
+  void consider(const std::vector<int>& order, const char* name) {
+    if (static_cast<int>(order.size()) != graph_.size()) return;
+    const EliminationTree tree = eliminate(graph_, order);
+    if (!best_.name.empty() && tree.flops >= best_.flops) return;
+    best_.order = postorder(order, tree, static_cast<int>(last_.size()));
+    best_.flops = tree.flops;
+    best_.name = name;
+  }
+  /// Of the interior, the last nodes after it.
+  void considerInner(const std::vector<int>& inner, std::vector<int> order, const char* name) {
+    for (int& k : order) k = inner[k];
+    order.insert(order.end(), last_.begin(), last_.end());
+    consider(order, name);
+  }
+
+ private:
+  const Graph& graph_;
+  std::span<const int> last_;
+  NodeOrdering& best_;
+};
+
 }  // namespace
 
 NodeOrdering orderNodes(const SymmetricBlockMatrix& pattern, std::span<const int> last) {
-  const int n = pattern.size;
-  const int fixed = static_cast<int>(last.size());
-  std::vector<int> rank(n, -1);  // among the last nodes
-  for (int k = 0; k < fixed; ++k) rank[last[k]] = k;
-
+  const std::vector<int> rank = rankAmong(last, pattern.size);
   NodeOrdering best;
-  for (int j = 0; j < n; ++j) {
-    for (int slot = pattern.column[j] + 1; slot < pattern.column[j + 1]; ++slot) {
-      const int i = pattern.row[slot];
-      if (rank[i] < 0 || rank[j] < 0) best.couplings.emplace_back(i, j);
-    }
-  }
-  // The Schur complement is dense for one connected body; saying so from the start keeps it in one piece.
-  for (int a = 0; a < fixed; ++a)
-    for (int b = 0; b < a; ++b) best.couplings.emplace_back(last[a], last[b]);
-  Graph whole(n, best.couplings);
-
-  std::vector<int> interior;
-  std::vector<int> local(n, -1);
-  for (int i = 0; i < n; ++i) {
-    if (rank[i] >= 0) continue;
-    local[i] = static_cast<int>(interior.size());
-    interior.push_back(i);
-  }
-  Pairs inner_pairs;
-  for (const auto& [i, j] : best.couplings)
-    if (local[i] >= 0 && local[j] >= 0) inner_pairs.emplace_back(local[i], local[j]);
-  Graph inner(static_cast<int>(interior.size()), inner_pairs);
-
-  const auto consider = [&](std::vector<int> order, const char* name) {
-    if (static_cast<int>(order.size()) != n) return;
-    const EliminationTree tree = eliminate(whole, order);
-    if (!best.name.empty() && tree.flops >= best.flops) return;
-    best.order = postorder(order, tree, fixed);
-    best.flops = tree.flops;
-    best.name = name;
-  };
-  const auto considerInner = [&](std::vector<int> order, const char* name) {
-    for (int& k : order) k = interior[k];
-    order.insert(order.end(), last.begin(), last.end());
-    consider(std::move(order), name);
-  };
-
-  if (!interior.empty()) {
-    std::vector<int> set(n);
-    for (int i = 0; i < n; ++i) set[i] = rank[i] + 1;
-    if (fixed < n) consider(Orderings(whole).constrained(std::move(set)), "camd");
-    Orderings orderings(inner);
-    considerInner(orderings.minimumDegree(), "amd");
-    considerInner(orderings.metis(), "metis");
-    considerInner(orderings.nestedDissection(), "nested-dissection");
+  best.couplings = couplingsOf(pattern, last, rank);
+  Graph whole(pattern.size, best.couplings);
+  Interior interior(best.couplings, rank);
+  Cheapest cheapest(whole, last, best);
+  if (!interior.nodes.empty()) {
+    std::vector<int> set(rank.size());
+    for (std::size_t i = 0; i < rank.size(); ++i) set[i] = rank[i] + 1;
+    cheapest.consider(Orderings(whole).constrained(std::move(set)), "camd");
+    Orderings orderings(interior.graph);
+    cheapest.considerInner(interior.nodes, orderings.minimumDegree(), "amd");
+    cheapest.considerInner(interior.nodes, orderings.metis(), "metis");
+    cheapest.considerInner(interior.nodes, orderings.nestedDissection(), "nested-dissection");
   }
   if (best.name.empty()) {
-    interior.insert(interior.end(), last.begin(), last.end());
-    consider(std::move(interior), "natural");
+    std::vector<int> natural = interior.nodes;
+    natural.insert(natural.end(), last.begin(), last.end());
+    cheapest.consider(natural, "natural");
   }
   return best;
 }

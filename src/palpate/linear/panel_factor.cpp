@@ -117,56 +117,78 @@ void PanelFactor::planUpdates() {
   planParts();
 }
 
-// Splits the largest subtrees until none is more than a small share of the work, and deals them out to parts.
-void PanelFactor::planParts() {
-  constexpr double kWorthwhile = 1e6;  // operations; some 50 us
-  constexpr double kShare = 0.1;
-  const std::size_t count = panels_.size();
-  std::vector<double> work(count, 0.0);
-  std::vector<std::vector<int>> children(count);
-  std::vector<int> trees;
-  for (std::size_t s = 0; s < count; ++s) {
-    const double width = 3.0 * panels_[s].columns, height = 3.0 * panels_[s].rows;
-    work[s] += width * width * height;
-    for (int u = update_begin_[s]; u < update_begin_[s + 1]; ++u) {
-      const Panel& source = panels_[updates_[u].source];
-      work[s] +=
-          18.0 * (updates_[u].last - updates_[u].first) * (source.rows - updates_[u].first) * 3.0 * source.columns;
-    }
-    const int above = parent(static_cast<int>(s));
-    if (above < 0) {
-      trees.push_back(static_cast<int>(s));
-    } else {
-      work[above] += work[s];
-      children[above].push_back(static_cast<int>(s));
+// The elimination forest of the panels, with the operations that each subtree takes.
+struct PanelFactor::Forest {
+  std::vector<double> work;  // of each panel and all below it
+  std::vector<std::vector<int>> children;
+  std::vector<int> roots;
+
+  explicit Forest(const PanelFactor& factor) : work(factor.panels_.size(), 0.0), children(work.size()) {
+    for (std::size_t s = 0; s < work.size(); ++s) {  // children come before their parents
+      const int panel = static_cast<int>(s), above = factor.parent(panel);
+      work[s] += factor.ownWork(panel);
+      if (above < 0) {
+        roots.push_back(panel);
+      } else {
+        work[above] += work[s];
+        children[above].push_back(panel);
+      }
     }
   }
+  bool less(int a, int b) const { return std::pair(work[a], a) < std::pair(work[b], b); }
+};
+
+// Operations of one panel's updates and factorization.
+double PanelFactor::ownWork(int panel) const {
+  const double width = 3.0 * panels_[panel].columns, height = 3.0 * panels_[panel].rows;
+  double work = width * width * height;
+  for (int u = update_begin_[panel]; u < update_begin_[panel + 1]; ++u) {
+    const Panel& source = panels_[updates_[u].source];
+    work += 18.0 * (updates_[u].last - updates_[u].first) * (source.rows - updates_[u].first) * 3.0 * source.columns;
+  }
+  return work;
+}
+
+// Splits the largest subtrees until none is more than a small share of the work; what remains of them, largest first.
+// Marks the panels above.
+std::vector<int> PanelFactor::splitSubtrees(const Forest& forest, std::vector<char>& on_top) {
+  constexpr double kWorthwhile = 1e6;  // operations; some 50 us
+  constexpr double kShare = 0.1;
+  std::vector<int> trees = forest.roots;
   double total = 0;
-  for (const int s : trees) total += work[s];
-  const auto less = [&](int a, int b) { return std::pair(work[a], a) < std::pair(work[b], b); };
+  for (const int s : trees) total += forest.work[s];
+  const auto less = [&](int a, int b) { return forest.less(a, b); };
   std::make_heap(trees.begin(), trees.end(), less);
-  std::vector<char> on_top(count, 0);
-  while (!trees.empty() && (total < kWorthwhile || work[trees.front()] > kShare * total)) {
+  while (!trees.empty() && (total < kWorthwhile || forest.work[trees.front()] > kShare * total)) {
     std::pop_heap(trees.begin(), trees.end(), less);
     const int s = trees.back();
     trees.pop_back();
     on_top[s] = 1;
-    for (const int child : children[s]) {
+    for (const int child : forest.children[s]) {
       trees.push_back(child);
       std::push_heap(trees.begin(), trees.end(), less);
     }
   }
-  std::sort(trees.begin(), trees.end(), [&](int a, int b) { return less(b, a); });
+  std::sort(trees.begin(), trees.end(), [&](int a, int b) { return forest.less(b, a); });
+  return trees;
+}
+
+// Deals subtrees out to parts that can be factorized at the same time, each to the part that has least to do so far.
+void PanelFactor::planParts() {
+  const Forest forest(*this);
+  const std::size_t count = panels_.size();
+  std::vector<char> on_top(count, 0);
+  const std::vector<int> trees = splitSubtrees(forest, on_top);
   parts_.assign(std::min<std::size_t>(trees.size(), kMostParts), {});
   std::vector<double> dealt(parts_.size(), 0.0);
   std::vector<int> part_of(count, -1);
   for (const int s : trees) {
     const auto least = std::min_element(dealt.begin(), dealt.end());
-    *least += work[s];
+    *least += forest.work[s];
     part_of[s] = static_cast<int>(least - dealt.begin());
   }
   top_.clear();
-  for (std::size_t s = count; s-- > 0;) {
+  for (std::size_t s = count; s-- > 0;) {  // parents before their children, then turned round
     if (on_top[s]) {
       top_.push_back(static_cast<int>(s));
       continue;
@@ -256,9 +278,8 @@ bool PanelFactor::factorizeOnTop(double* values, int index) {
   constexpr int kLeastColumns = 4;  // of a part
   const int columns = panels_[index].columns;
   const int parts = products_.size() > 1 ? std::clamp(columns / kLeastColumns, 1, kMostParts) : 1;
-  parallelFor(parts, [&](int part) {
-    applyUpdates(values, index, partBegin(part, parts, columns), partBegin(part + 1, parts, columns), products_[part]);
-  });
+  parallelRanges(parts, columns,
+                 [&](int begin, int end, int part) { applyUpdates(values, index, begin, end, products_[part]); });
   return factorizePanel(values, index, products_.front());
 }
 

@@ -58,6 +58,9 @@ class PanelFactor {
     int source, first, last, map;
   };
 
+  struct Forest;
+  double ownWork(int panel) const;
+  static std::vector<int> splitSubtrees(const Forest& forest, std::vector<char>& on_top);
   void planParts();
   void applyUpdates(double* values, int panel, int first_column, int last_column, std::vector<double>& product);
   bool factorizePanel(double* values, int panel, std::vector<double>& product);

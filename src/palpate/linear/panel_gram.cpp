@@ -71,8 +71,45 @@ void PanelGram::findReach(const PanelFactor& panels, const std::vector<int>& pos
 
 std::size_t PanelGram::stackTop() const { return waiting_.empty() ? 0 : waiting_.back().offset + waiting_.back().size; }
 
+// What the columns [begin, end) of those that reach panel s have in its own rows.
+void PanelGram::addOwnBlocks(const PanelFactor::Panel& panel, const std::vector<int>& reach, int begin, int end,
+                             const BlockColumns& columns, const std::vector<int>& position, Map& front) const {
+  for (int j = begin; j < end; ++j) {
+    const int c = order_[reach[j]];
+    for (int k = columns.begin[c]; k < columns.begin[c + 1]; ++k) {
+      const int node = position[columns.node[k]];
+      if (node < panel.first || node >= panel.first + panel.columns) continue;
+      front.block<3, 3>(3 * (node - panel.first), 3 * j) += columns.block[k];
+    }
+  }
+}
+
+// What a child left for its parent's rows, in the columns [begin, end) of those that reach the parent.
+void PanelGram::addFromChild(const PanelFactor& panels, const Waiting& waiting, const std::vector<int>& reach,
+                             int begin, int end, Map& front) const {
+  const PanelFactor::Panel& child = panels.panels()[waiting.panel];
+  const int* rows = panels.rows().data() + child.row_begin + child.columns;
+  const int height = child.rows - child.columns;
+  const std::vector<int>& from_reach = reach_[waiting.panel];
+  auto from_column = std::lower_bound(from_reach.begin(), from_reach.end(), reach[begin]);
+  const double* from = stack_.data() + waiting.offset + 9 * height * (from_column - from_reach.begin());
+  auto at = reach.begin() + begin;
+  for (; from_column != from_reach.end() && *from_column <= reach[end - 1]; ++from_column) {
+    at = std::lower_bound(at, reach.begin() + end, *from_column);
+    for (int d = 0; d < 3; ++d, from += 3 * height) {
+      double* to = front.col(3 * (at - reach.begin()) + d).data();
+      for (int r = 0; r < height; ++r) {
+        double* entry = to + 3 * row_of_[rows[r]];
+        entry[0] += from[3 * r];
+        entry[1] += from[3 * r + 1];
+        entry[2] += from[3 * r + 2];
+      }
+    }
+  }
+}
+
 // Right-hand sides at a panel's rows, its own and what its children leave there, and what they become by the panel's
-// columns of L. On top of the stack, behind what the children left.
+// columns of L. On top of the stack, after what the children left.
 void PanelGram::solveFront(const PanelFactor& panels, const double* values, int s, const BlockColumns& columns,
                            const std::vector<int>& position, Map& front) {
   const PanelFactor::Panel& panel = panels.panels()[s];
@@ -84,44 +121,29 @@ void PanelGram::solveFront(const PanelFactor& panels, const double* values, int 
   while (first_child > 0 && panels.parent(waiting_[first_child - 1].panel) == s) --first_child;
   const int count = static_cast<int>(reach.size()), parts = 1 + (count - 1) / kPartColumns;
   const ConstStrided l(values + panel.value, own + below, own, Eigen::OuterStride<>(panel.stride));
-  parallelFor(parts, [&](int part) {
-    const int begin = partBegin(part, parts, count), end = partBegin(part + 1, parts, count);
+  parallelRanges(parts, count, [&](int begin, int end) {
     auto mine = front.middleCols(3 * begin, 3 * (end - begin));
     mine.setZero();
-    for (int j = begin; j < end; ++j) {
-      const int c = order_[reach[j]];
-      for (int k = columns.begin[c]; k < columns.begin[c + 1]; ++k) {
-        const int node = position[columns.node[k]];
-        if (node < panel.first || node >= panel.first + panel.columns) continue;
-        front.block<3, 3>(3 * (node - panel.first), 3 * j) += columns.block[k];
-      }
-    }
+    addOwnBlocks(panel, reach, begin, end, columns, position, front);
     for (std::size_t w = waiting_.size(); w-- > first_child;) {
-      const int child = waiting_[w].panel;
-      const PanelFactor::Panel& left = panels.panels()[child];
-      const int* child_rows = panels.rows().data() + left.row_begin + left.columns;
-      const int child_height = left.rows - left.columns;
-      const std::vector<int>& from_reach = reach_[child];
-      auto from_column = std::lower_bound(from_reach.begin(), from_reach.end(), reach[begin]);
-      const double* from = stack_.data() + waiting_[w].offset + 9 * child_height * (from_column - from_reach.begin());
-      auto at = reach.begin() + begin;
-      for (; from_column != from_reach.end() && *from_column <= reach[end - 1]; ++from_column) {
-        at = std::lower_bound(at, reach.begin() + end, *from_column);
-        for (int d = 0; d < 3; ++d, from += 3 * child_height) {
-          double* to = front.col(3 * (at - reach.begin()) + d).data();
-          for (int r = 0; r < child_height; ++r) {
-            double* entry = to + 3 * row_of_[child_rows[r]];
-            entry[0] += from[3 * r];
-            entry[1] += from[3 * r + 1];
-            entry[2] += from[3 * r + 2];
-          }
-        }
-      }
+      addFromChild(panels, waiting_[w], reach, begin, end, front);
     }
     solveLowerInPlace(l.topRows(own), mine.topRows(own));
     if (below > 0) mine.bottomRows(below).noalias() -= l.bottomRows(below) * mine.topRows(own);
   });
   waiting_.resize(first_child);
+}
+
+// Keeps a front's rows below its panel where its children's began.
+void PanelGram::leaveToParent(int panel, const Map& front, Eigen::Index below) {
+  if (below == 0) return;
+  const std::size_t offset = stackTop();
+  double* to = stack_.data() + offset;
+  for (Eigen::Index j = 0; j < front.cols(); ++j) {
+    const double* from = front.data() + j * front.rows() + (front.rows() - below);
+    std::copy(from, from + below, to + j * below);
+  }
+  waiting_.push_back({panel, offset, static_cast<std::size_t>(below * front.cols())});
 }
 
 namespace {
@@ -179,16 +201,34 @@ void PanelGram::addCollected() {
   collected_rows_ = 0;
 }
 
+// The products of the sorted columns, in the order that they were given in.
+void PanelGram::unsort(MatX& out) const {
+  const int count = static_cast<int>(place_.size());
+  parallelRanges(1 + (count - 1) / kPartColumns, count, [&](int begin, int end) {
+    for (int j = begin; j < end; ++j) {
+      const Eigen::Index column = place_[j];
+      for (Eigen::Index i = j; i < count; ++i) {
+        const Eigen::Index row = place_[i];
+        if (row > column) {
+          out.block<3, 3>(3 * i, 3 * j) = sorted_.block<3, 3>(3 * row, 3 * column);
+        } else if (row < column) {
+          out.block<3, 3>(3 * i, 3 * j) = sorted_.block<3, 3>(3 * column, 3 * row).transpose();
+        } else {
+          out.block<3, 3>(3 * i, 3 * j).triangularView<Eigen::Lower>() = sorted_.block<3, 3>(3 * row, 3 * row);
+        }
+      }
+    }
+  });
+}
+
 void PanelGram::compute(const PanelFactor& panels, const double* values, const std::vector<int>& position,
                         const BlockColumns& columns, MatX& out) {
   const Eigen::Index size = columns.size();
   findReach(panels, position, columns);
   sorted_.resize(3 * size, 3 * size);
-  const int count = static_cast<int>(size), parts = 1 + (count - 1) / kPartColumns;
-  parallelFor(parts, [&](int part) {
-    for (int j = 3 * partBegin(part, parts, count); j < 3 * partBegin(part + 1, parts, count); ++j) {
-      sorted_.col(j).tail(3 * size - j).setZero();
-    }
+  const int count = static_cast<int>(size);
+  parallelRanges(1 + (count - 1) / kPartColumns, count, [&](int begin, int end) {
+    for (int j = 3 * begin; j < 3 * end; ++j) sorted_.col(j).tail(3 * size - j).setZero();
   });
   waiting_.clear();
   collected_rows_ = 0;
@@ -207,32 +247,10 @@ void PanelGram::compute(const PanelFactor& panels, const double* values, const s
     } else {
       addProducts(front.topRows(own), reach_[s]);
     }
-    if (below == 0) continue;
-    // what is left goes where the children's began
-    const std::size_t offset = stackTop();
-    double* to = stack_.data() + offset;
-    for (Eigen::Index j = 0; j < width; ++j) {
-      const double* from = front.data() + j * (own + below) + own;
-      std::copy(from, from + below, to + j * below);
-    }
-    waiting_.push_back({s, offset, static_cast<std::size_t>(below * width)});
+    leaveToParent(s, front, below);
   }
   addCollected();
-  parallelFor(parts, [&](int part) {
-    for (int j = partBegin(part, parts, count); j < partBegin(part + 1, parts, count); ++j) {
-      const Eigen::Index column = place_[j];
-      for (Eigen::Index i = j; i < size; ++i) {
-        const Eigen::Index row = place_[i];
-        if (row > column) {
-          out.block<3, 3>(3 * i, 3 * j) = sorted_.block<3, 3>(3 * row, 3 * column);
-        } else if (row < column) {
-          out.block<3, 3>(3 * i, 3 * j) = sorted_.block<3, 3>(3 * column, 3 * row).transpose();
-        } else {
-          out.block<3, 3>(3 * i, 3 * j).triangularView<Eigen::Lower>() = sorted_.block<3, 3>(3 * row, 3 * row);
-        }
-      }
-    }
-  });
+  unsort(out);
 }
 
 double PanelGram::operations(const PanelFactor& panels, const std::vector<int>& nodes) {

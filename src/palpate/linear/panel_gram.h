@@ -45,22 +45,28 @@ class PanelGram {
 
  private:
   void findReach(const PanelFactor& panels, const std::vector<int>& position, const BlockColumns& columns);
+  struct Waiting {  // what a panel leaves to its parent: rows below it x columns that reach it
+    int panel;
+    std::size_t offset, size;
+  };
   std::size_t stackTop() const;
+  void addOwnBlocks(const PanelFactor::Panel& panel, const std::vector<int>& reach, int begin, int end,
+                    const BlockColumns& columns, const std::vector<int>& position, Eigen::Map<MatX>& front) const;
+  void addFromChild(const PanelFactor& panels, const Waiting& waiting, const std::vector<int>& reach, int begin,
+                    int end, Eigen::Map<MatX>& front) const;
   void solveFront(const PanelFactor& panels, const double* values, int panel, const BlockColumns& columns,
                   const std::vector<int>& position, Eigen::Map<MatX>& front);
+  void leaveToParent(int panel, const Eigen::Map<MatX>& front, Eigen::Index below);
   void addProducts(const Eigen::Ref<const MatX>& half, const std::vector<int>& reach);
   void collect(const Eigen::Ref<const MatX>& half, const std::vector<int>& reach);
   void addCollected();
+  void unsort(MatX& out) const;
 
   std::vector<int> visit_;                // panels, children before their parents and whole subtrees together
   std::vector<int> rank_;                 // of a panel in visit_
   std::vector<std::vector<int>> reach_;   // of each panel: columns, as places in order_, increasing
   std::vector<int> order_, place_, key_;  // columns sorted by where they begin; the reverse
   std::vector<int> mark_;
-  struct Waiting {  // what a panel leaves to its parent: rows below it x columns that reach it
-    int panel;
-    std::size_t offset, size;
-  };
   std::vector<Waiting> waiting_;
   // aligned, as Eigen's matrices are: otherwise the heap decides how sums are split, and the last bits with it
   AlignedBuffer stack_;

@@ -64,13 +64,8 @@ int partsOf(std::size_t count) {
 
 void setZero(std::vector<double>& values) {
   constexpr std::size_t kLine = 8;
-  const int parts = partsOf(values.size() / kLine);
-  parallelFor(parts, [&](int part) {
-    const std::size_t begin = values.size() * static_cast<std::size_t>(part) / static_cast<std::size_t>(parts);
-    const std::size_t end = values.size() * static_cast<std::size_t>(part + 1) / static_cast<std::size_t>(parts);
-    std::fill(values.begin() + static_cast<std::ptrdiff_t>(begin), values.begin() + static_cast<std::ptrdiff_t>(end),
-              0.0);
-  });
+  parallelRanges(partsOf(values.size() / kLine), static_cast<int>(values.size()),
+                 [&](int begin, int end) { std::fill(values.begin() + begin, values.begin() + end, 0.0); });
 }
 
 void scatterPart(const SymmetricBlockMatrix& matrix, const std::vector<Destination>& destinations, int begin, int end,
@@ -96,9 +91,7 @@ void scatterPart(const SymmetricBlockMatrix& matrix, const std::vector<Destinati
 
 void scatter(const SymmetricBlockMatrix& matrix, const std::vector<Destination>& destinations, double* to) {
   const int count = static_cast<int>(destinations.size()), parts = partsOf(destinations.size());
-  parallelFor(parts, [&](int part) {
-    scatterPart(matrix, destinations, partBegin(part, parts, count), partBegin(part + 1, parts, count), to);
-  });
+  parallelRanges(parts, count, [&](int begin, int end) { scatterPart(matrix, destinations, begin, end, to); });
 }
 
 }  // namespace

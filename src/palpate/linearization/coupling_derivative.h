@@ -1,6 +1,6 @@
 #pragma once
 
-#include "palpate/simulation/body.h"
+#include "palpate/simulation/world.h"
 
 namespace palpate {
 

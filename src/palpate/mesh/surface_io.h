@@ -19,7 +19,7 @@ SurfaceFormat surfaceFormatOf(const std::string& path);
 /// Reads the triangles of an OBJ, STL (text or binary), PLY (text or binary) or OFF file as they stand; lengths as in
 /// the file. Polygons are cut into fans. STL vertices come three a triangle: see repairSurface. Throws InputError
 /// naming file, place and cause: missing, empty or truncated file, malformed or non-finite number, index out of range,
-/// no triangles, more than largest_surface triangles.
+/// no triangles, more than kLargestSurface triangles.
 Surface readSurface(const std::string& path);
 /// The same from memory; `name` is for messages.
 Surface readSurfaceFromMemory(std::string_view data, SurfaceFormat format, const std::string& name = "surface");

@@ -2,18 +2,18 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <nlohmann/json.hpp>
 
 #include "palpate/common/error.h"
+#include "palpate/protocol/layout.h"
 
 namespace palpate {
 namespace {
 
 using Json = nlohmann::json;
-
-constexpr std::size_t kMostText = 200;
-constexpr double kFarthest = 100.0;  // [m]
 
 [[noreturn]] void refuse(const std::string& key, const std::string& cause) { throw InputError("message", key, cause); }
 
@@ -23,14 +23,16 @@ const Json& member(const Json& json, const char* key) {
   return *found;
 }
 
-double number(const Json& json, const char* key, double low, double high) {
+double number(const Json& json, const char* key, const protocol::Limits& limits) {
   const double value = json.is_number() ? json.get<double>() : std::nan("");
-  if (!(value >= low && value <= high)) refuse(key, fmt::format("must be a number from {} to {}", low, high));
+  if (!(value >= limits.low && value <= limits.high))
+    refuse(key, fmt::format("must be a number from {} to {}", limits.low, limits.high));
   return value;
 }
 
 std::string text(const Json& json, const char* key) {
-  if (!json.is_string() || json.get_ref<const std::string&>().size() > kMostText) refuse(key, "must be a short text");
+  if (!json.is_string() || json.get_ref<const std::string&>().size() > protocol::kMaxTextBytes)
+    refuse(key, "must be a short text");
   return json.get<std::string>();
 }
 
@@ -43,42 +45,75 @@ template <int N>
 Eigen::Matrix<double, N, 1> vector(const Json& json, const char* key, double limit) {
   if (!json.is_array() || json.size() != N) refuse(key, fmt::format("must be {} numbers", N));
   Eigen::Matrix<double, N, 1> out;
-  for (int k = 0; k < N; ++k) out[k] = number(json[static_cast<std::size_t>(k)], key, -limit, limit);
+  for (int k = 0; k < N; ++k) out[k] = number(json[static_cast<std::size_t>(k)], key, {-limit, limit});
   return out;
 }
 
 HandMessage hand(const Json& json) {
   HandMessage out;
-  out.sequence = static_cast<std::uint32_t>(number(member(json, "seq"), "seq", 0, 4294967295.0));
-  out.pose.position = vector<3>(member(json, "position"), "position", kFarthest);
+  out.sequence = static_cast<std::uint32_t>(number(member(json, "seq"), "seq", {0, 4294967295.0}));
+  out.pose.position = vector<3>(member(json, "position"), "position", protocol::kFarthest);
   const auto q = vector<4>(member(json, "rotation"), "rotation", 2.0);
   if (q.norm() < 0.5 || q.norm() > 2.0) refuse("rotation", "must be a unit quaternion w x y z");
   out.pose.rotation = Quat(q[0], q[1], q[2], q[3]).normalized();
   return out;
 }
 
+struct Setting {
+  const char* name;
+  void (*read)(const Json& value, SetMessage& out);
+};
+constexpr std::array kSettings{
+    Setting{"method", [](const Json& v, SetMessage& out) { out.method = text(v, "method"); }},
+    Setting{"handle", [](const Json& v, SetMessage& out) { out.handle = text(v, "handle"); }},
+    Setting{"visual_step",
+            [](const Json& v, SetMessage& out) { out.visual_step = number(v, "visual_step", protocol::kVisualStep); }},
+    Setting{"friction",
+            [](const Json& v, SetMessage& out) { out.friction = number(v, "friction", protocol::kFriction); }},
+    Setting{"stiffness",
+            [](const Json& v, SetMessage& out) { out.stiffness = number(v, "stiffness", protocol::kStiffness); }},
+    Setting{"speed", [](const Json& v, SetMessage& out) { out.speed = number(v, "speed", protocol::kSpeed); }},
+    Setting{"stress", [](const Json& v, SetMessage& out) { out.stress = flag(v, "stress"); }},
+};
+
 SetMessage settings(const Json& json) {
   SetMessage out;
   for (const auto& [key, value] : json.items()) {
     if (key == "type") continue;
-    if (key == "method") {
-      out.method = text(value, "method");
-    } else if (key == "handle") {
-      out.handle = text(value, "handle");
-    } else if (key == "visual_step") {
-      out.visual_step = number(value, "visual_step", kMinVisualStep, kMaxVisualStep);
-    } else if (key == "friction") {
-      out.friction = number(value, "friction", 0.0, kMaxFriction);
-    } else if (key == "stiffness") {
-      out.stiffness = number(value, "stiffness", kMinStiffness, kMaxStiffness);
-    } else if (key == "speed") {
-      out.speed = number(value, "speed", kMinSpeed, kMaxSpeed);
-    } else if (key == "stress") {
-      out.stress = flag(value, "stress");
-    } else {
-      refuse(key.substr(0, kMostText), "is no setting");
-    }
+    const auto setting =
+        std::find_if(kSettings.begin(), kSettings.end(), [&name = key](const Setting& s) { return name == s.name; });
+    if (setting == kSettings.end()) refuse(key.substr(0, protocol::kMaxTextBytes), "is no setting");
+    setting->read(value, out);
   }
+  return out;
+}
+
+struct Command {
+  const char* name;
+  ViewerCommand (*read)(const Json& message);
+};
+template <class Message>
+ViewerCommand plain(const Json&) {
+  return Message{};
+}
+constexpr std::array kCommands{
+    Command{"hand", [](const Json& m) -> ViewerCommand { return hand(m); }},
+    Command{"take", plain<TakeMessage>},
+    Command{"release", plain<ReleaseMessage>},
+    Command{"play", plain<PlayMessage>},
+    Command{"set", [](const Json& m) -> ViewerCommand { return settings(m); }},
+    Command{"pause", plain<PauseMessage>},
+    Command{"resume", plain<ResumeMessage>},
+    Command{"step", plain<StepMessage>},
+    Command{"reset", plain<ResetMessage>},
+    Command{"scene", [](const Json& m) -> ViewerCommand { return SceneMessage{text(member(m, "name"), "name")}; }},
+    Command{"record", [](const Json& m) -> ViewerCommand { return RecordMessage{flag(member(m, "on"), "on")}; }},
+};
+
+template <class Table>
+std::vector<std::string> namesOf(const Table& table) {
+  std::vector<std::string> out;
+  for (const auto& entry : table) out.emplace_back(entry.name);
   return out;
 }
 
@@ -96,18 +131,13 @@ Json parse(std::string_view json) {
 ViewerCommand parseCommand(std::string_view json) {
   const Json message = parse(json);
   const std::string type = text(member(message, "type"), "type");
-  if (type == "hand") return hand(message);
-  if (type == "take") return TakeMessage{};
-  if (type == "release") return ReleaseMessage{};
-  if (type == "play") return PlayMessage{};
-  if (type == "set") return settings(message);
-  if (type == "pause") return PauseMessage{};
-  if (type == "resume") return ResumeMessage{};
-  if (type == "step") return StepMessage{};
-  if (type == "reset") return ResetMessage{};
-  if (type == "scene") return SceneMessage{text(member(message, "name"), "name")};
-  if (type == "record") return RecordMessage{flag(member(message, "on"), "on")};
+  for (const Command& command : kCommands) {
+    if (type == command.name) return command.read(message);
+  }
   refuse("type", "'" + type + "' is none of the known ones");
 }
+
+std::vector<std::string> commandNames() { return namesOf(kCommands); }
+std::vector<std::string> settingNames() { return namesOf(kSettings); }
 
 }  // namespace palpate

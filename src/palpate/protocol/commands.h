@@ -5,6 +5,7 @@
 #include <string>
 #include <string_view>
 #include <variant>
+#include <vector>
 
 #include "palpate/math/types.h"
 
@@ -38,13 +39,12 @@ struct RecordMessage {
 using ViewerCommand = std::variant<HandMessage, TakeMessage, ReleaseMessage, PlayMessage, SetMessage, PauseMessage,
                                    ResumeMessage, StepMessage, ResetMessage, SceneMessage, RecordMessage>;
 
-inline constexpr double kMinVisualStep = 0.002, kMaxVisualStep = 0.2;  // [s]
-inline constexpr double kMaxFriction = 10.0;                           // factor, from 0
-inline constexpr double kMinStiffness = 0.05, kMaxStiffness = 20.0;    // factor
-inline constexpr double kMinSpeed = 0.02, kMaxSpeed = 1.0;
-
-/// Reads one message; all numbers in it are finite and in range, texts at most 200 bytes.
+/// Reads one message; all numbers in it are finite and in range (protocol/layout.h).
 /// @throws InputError ("message", key, cause)
 ViewerCommand parseCommand(std::string_view json);
+
+/// All that parseCommand() knows, and the keys of `set`.
+std::vector<std::string> commandNames();
+std::vector<std::string> settingNames();
 
 }  // namespace palpate

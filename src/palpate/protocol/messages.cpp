@@ -8,6 +8,7 @@
 #include "palpate/contact/obstacle.h"
 #include "palpate/haptics/coupling.h"
 #include "palpate/protocol/byte_writer.h"
+#include "palpate/protocol/layout.h"
 
 namespace palpate {
 namespace {
@@ -16,9 +17,12 @@ static_assert(std::endian::native == std::endian::little);
 
 using Json = nlohmann::ordered_json;
 
-enum Kind : std::uint32_t { kGeometry = 1, kFrame = 2, kSamples = 3 };
-constexpr std::uint32_t kTool = 1, kRigid = 2;  // flags of a body
-enum ObstacleType : std::uint32_t { kPlane = 0, kSurface = 1 };
+using protocol::ObstacleKind;
+
+template <class Kind>
+std::uint32_t numberOf(Kind kind) {
+  return static_cast<std::uint32_t>(kind);
+}
 
 Json toJson(const Vec3& v) { return {v.x(), v.y(), v.z()}; }
 
@@ -28,15 +32,15 @@ std::string dump(const Json& json) { return json.dump(-1, ' ', false, Json::erro
 Json orNull(const std::string& text) { return text.empty() ? Json(nullptr) : Json(text); }
 
 void writeBody(const World& world, int index, ByteWriter& out) {
-  const Body& body = world.body(index);
-  const SimulationMesh& m = body.mesh();
+  const Body body = world.body(index);
+  const SimulationMesh& m = body.model.mesh();
   out.u32(m.mesh.nodes.size());
   out.u32(m.surface.vertices.size());
   out.u32(m.surface.triangles.size());
   out.u32(m.mesh.tetrahedra.size());
-  out.u32((index == world.toolIndex() ? kTool : 0U) | (body.isRigid() ? kRigid : 0U));
+  out.u32((index == world.toolIndex() ? protocol::kToolBody : 0U) | (body.model.isRigid() ? protocol::kRigidBody : 0U));
   for (const Vec3& p : m.mesh.nodes) out.vec(p);
-  for (const int attached : body.attachedIndex()) out.f32(body.held() && attached >= 0 ? 1.0 : 0.0);
+  for (const int attached : body.model.attachedIndex()) out.f32(body.model.held() && attached >= 0 ? 1.0 : 0.0);
   for (const auto& t : m.mesh.tetrahedra) {
     for (const int node : t) out.u32(node);
   }
@@ -53,7 +57,7 @@ void writeBody(const World& world, int index, ByteWriter& out) {
 
 void writeObstacle(const Obstacle& obstacle, ByteWriter& out) {
   if (const auto* plane = std::get_if<PlaneShape>(&obstacle.shape)) {
-    out.u32(kPlane);
+    out.u32(numberOf(ObstacleKind::plane));
     out.u32(0);
     out.u32(0);
     out.vec(plane->point);
@@ -61,7 +65,7 @@ void writeObstacle(const Obstacle& obstacle, ByteWriter& out) {
     return;
   }
   const Surface surface = surfaceOf(obstacle).value_or(Surface{});
-  out.u32(kSurface);
+  out.u32(numberOf(ObstacleKind::surface));
   out.u32(surface.vertices.size());
   out.u32(surface.triangles.size());
   for (const Vec3& p : surface.vertices) out.vec(p);
@@ -76,8 +80,10 @@ double vonMises(const Mat3& s) {
 }
 
 float stateNumber(ContactState state) {
-  if (state == ContactState::open) return 0;
-  return state == ContactState::stick ? 1 : 2;
+  const protocol::ContactKind kind = state == ContactState::open    ? protocol::ContactKind::open
+                                     : state == ContactState::stick ? protocol::ContactKind::sticking
+                                                                    : protocol::ContactKind::sliding;
+  return static_cast<float>(kind);
 }
 
 }  // namespace
@@ -92,13 +98,13 @@ std::string sceneMessage(const SceneConfig& config, const BuiltScene& scene, con
   out["methods"] = {toString(MethodName::hsl), toString(MethodName::hsl_exact), toString(MethodName::vc)};
   out["bodies"] = Json::array();
   for (int i = 0; i < scene.world.bodies(); ++i) {
-    const Body& body = scene.world.body(i);
-    const char* kind = i == scene.world.toolIndex() ? "tool" : body.isRigid() ? "rigid" : "soft";
-    out["bodies"].push_back({{"name", body.name()},
+    const Body body = scene.world.body(i);
+    const char* kind = i == scene.world.toolIndex() ? "tool" : body.model.isRigid() ? "rigid" : "soft";
+    out["bodies"].push_back({{"name", body.model.name()},
                              {"kind", kind},
-                             {"youngs_modulus", body.elasticity().material().youngs_modulus},
-                             {"tetrahedra", body.mesh().mesh.tetrahedra.size()},
-                             {"triangles", body.mesh().surface.triangles.size()}});
+                             {"youngs_modulus", body.model.elasticity().material().youngs_modulus},
+                             {"tetrahedra", body.model.mesh().mesh.tetrahedra.size()},
+                             {"triangles", body.model.mesh().surface.triangles.size()}});
   }
   out["obstacles"] = Json::array();
   for (const Obstacle& o : scene.world.obstacles) out["obstacles"].push_back({{"name", o.name}});
@@ -114,8 +120,8 @@ std::string sceneMessage(const SceneConfig& config, const BuiltScene& scene, con
   return dump(out);
 }
 
-std::string stateMessage(const SceneConfig& config, const LiveSettings& settings, const LiveStatus& status,
-                         std::uint32_t generation) {
+std::string stateMessage(const SceneConfig& config, const InteractiveSettings& settings,
+                         const InteractiveStatus& status, std::uint32_t generation) {
   Json out{{"type", "state"},
            {"generation", generation},
            {"handle", config.tool.handle},
@@ -142,7 +148,7 @@ std::string noticeMessage(bool error, const std::string& text) {
   return dump({{"type", "notice"}, {"level", error ? "error" : "info"}, {"text", line}});
 }
 
-std::string statsMessage(const LiveFigures& figures, const PeriodicReport& report) {
+std::string statsMessage(const LoopFigures& figures, const PeriodicReport& report) {
   const auto histogram = [](const DurationHistogram& h) {
     Json bins = Json::array();
     for (const DurationHistogram::Bin& b : h.bins()) bins.push_back({b.upper, b.count});
@@ -161,7 +167,7 @@ std::string statsMessage(const LiveFigures& figures, const PeriodicReport& repor
 
 std::string geometryMessage(const World& world, std::uint32_t generation) {
   ByteWriter out;
-  out.u32(kGeometry);
+  out.u32(numberOf(protocol::Kind::geometry));
   out.u32(generation);
   out.u32(world.bodies());
   out.u32(world.obstacles.size());
@@ -172,7 +178,7 @@ std::string geometryMessage(const World& world, std::uint32_t generation) {
 
 StateReader::StateReader(const World& world) {
   for (int i = 0; i < world.bodies(); ++i) {
-    const SimulationMesh& m = world.body(i).mesh();
+    const SimulationMesh& m = world.body(i).model.mesh();
     std::vector<double> filled;
     for (std::size_t t = 0; t < m.mesh.tetrahedra.size(); ++t) {
       const auto& n = m.mesh.tetrahedra[t];
@@ -187,10 +193,10 @@ StateReader::StateReader(const World& world) {
 void StateReader::read(const World& world, double h, bool stress, SceneState& out) const {
   out.nodes.clear();
   for (int i = 0; i < world.bodies(); ++i) {
-    const VecX& x = world.body(i).positions();
+    const VecX& x = world.body(i).state.positions;
     for (Eigen::Index k = 0; k < x.size(); ++k) out.nodes.push_back(static_cast<float>(x[k]));
   }
-  out.handle = world.tool().handle().pose;
+  out.handle = world.tool().state.handle.pose;
   out.contacts.clear();
   const ContactSet& set = world.contacts();
   for (std::size_t c = 0; c < set.contacts.size(); ++c) {
@@ -210,16 +216,18 @@ void StateReader::read(const World& world, double h, bool stress, SceneState& ou
 void StateReader::readStress(const World& world, std::vector<float>& out) const {
   std::vector<double> sum, weight;
   for (int i = 0; i < world.bodies(); ++i) {
-    const Body& body = world.body(i);
-    sum.assign(body.nodes(), 0.0);
-    weight.assign(body.nodes(), 0.0);
-    const std::vector<ElasticElement>& elements = body.elasticity().elements();
-    for (std::size_t t = 0; t < elements.size() && !body.isRigid(); ++t) {
+    const Body body = world.body(i);
+    sum.assign(body.model.nodes(), 0.0);
+    weight.assign(body.model.nodes(), 0.0);
+    const std::vector<ElasticElement>& elements = body.model.elasticity().elements();
+    const ElasticState& elastic = body.state.elastic;
+    for (std::size_t t = 0; t < elements.size() && !body.model.isRigid(); ++t) {
       const ElasticElement& e = elements[t];
-      const Mat3 g = e.rotation.transpose() * e.deformationGradient(body.positions());
+      const Mat3 g = elastic.rotations[t].transpose() * e.deformationGradient(body.state.positions);
       const Mat3 strain = 0.5 * (g + g.transpose()) - Mat3::Identity();
       const double filled = filled_[i][t];
-      const Mat3 stress = (e.lambda * strain.trace() * Mat3::Identity() + 2.0 * e.mu * strain) / filled;
+      const Mat3 unscaled = (e.lambda * strain.trace() * Mat3::Identity() + 2.0 * e.mu * strain) / filled;
+      const Mat3 stress = elastic.stiffness_scale * unscaled;
       const double value = filled * vonMises(stress);
       for (const int node : e.node) {
         sum[node] += value;
@@ -235,7 +243,7 @@ void StateReader::readStress(const World& world, std::vector<float>& out) const 
 std::string frameMessage(const SceneState& state, const TickRecord& tick, std::uint32_t hand_sequence,
                          std::uint32_t generation, bool nodes) {
   ByteWriter out(160 + (nodes ? 4 * (state.nodes.size() + state.stress.size() + state.contacts.size()) : 0));
-  out.u32(kFrame);
+  out.u32(numberOf(protocol::Kind::frame));
   out.u32(generation);
   out.u32(state.step);
   out.u32(hand_sequence);
@@ -246,7 +254,7 @@ std::string frameMessage(const SceneState& state, const TickRecord& tick, std::u
   out.vec(tick.sent);
   out.u32(tick.flags.bits());
   out.u32(nodes ? state.nodes.size() : 0);
-  out.u32(nodes ? state.contacts.size() / 10 : 0);
+  out.u32(nodes ? state.contacts.size() / protocol::stride(protocol::kContactColumns) : 0);
   out.u32(nodes ? state.stress.size() : 0);
   if (nodes) {
     out.f32s(state.nodes);
@@ -275,42 +283,45 @@ void SampleEncoder::add(const TickRecord& tick) {
   ticks_.push_back({tick, couplingWrench(link_, handle.pose, handle.twist, tick.device)});
 }
 
+void SampleEncoder::writeTick(const TickRow& row, double origin, ByteWriter& out) const {
+  out.f32(row.tick.time - origin);
+  out.vec(row.tick.sent);
+  out.vec(row.tick.raw);
+  out.vec(row.coupling);
+  out.u32(row.tick.flags.bits());
+}
+
+void SampleEncoder::writeStep(const StepRow& row, double origin, ByteWriter& out) const {
+  const VisualRecord& r = row.step;
+  const StepReport& s = r.step;
+  Vec6 held = r.model.force;
+  held.head<3>() += handle_weight_;
+  out.f32(r.time - origin);
+  out.vec(held);
+  for (const double seconds : {s.times.total() + r.linearization_s, s.times.assemble, s.times.factorize, s.times.solve,
+                               s.times.contact, s.times.advance, r.linearization_s, r.lateness_s}) {
+    out.f32(1e3 * seconds);
+  }
+  for (const int n : {s.contacts_found, s.contacts, s.active, s.sticking, s.sliding, s.solver_iterations}) out.f32(n);
+  for (const double v : {s.solver_residual, s.penetration, s.kinetic_energy, s.elastic_energy}) out.f32(v);
+  out.f32(static_cast<int>(s.status));
+  out.f32(row.substeps);
+  out.f32(0);
+}
+
 std::string SampleEncoder::take() {
-  ByteWriter out(40 + 80 * ticks_.size() + 112 * steps_.size());
+  ByteWriter out(40 + 4 * protocol::stride(protocol::kTickColumns) * ticks_.size() +
+                 4 * protocol::stride(protocol::kStepColumns) * steps_.size());
   const double origin = !ticks_.empty() ? ticks_.front().tick.time : !steps_.empty() ? steps_.front().step.time : 0.0;
-  out.u32(kSamples);
+  out.u32(numberOf(protocol::Kind::samples));
   out.u32(generation_);
   out.u32(ticks_.size());
   out.u32(steps_.size());
   out.u32(0);  // lost; the server fills it in
   out.u32(0);
   out.f64(origin);
-  for (const TickRow& r : ticks_) {
-    out.f32(r.tick.time - origin);
-    out.vec(r.tick.sent);
-    out.vec(r.tick.raw);
-    out.vec(r.coupling);
-    out.u32(r.tick.flags.bits());
-  }
-  for (const StepRow& r : steps_) {
-    const StepReport& s = r.step.step;
-    out.f32(r.step.time - origin);
-    Vec6 held = r.step.model.force;
-    held.head<3>() += handle_weight_;
-    out.vec(held);
-    for (const double seconds :
-         {s.times.total() + r.step.linearization_s, s.times.assemble, s.times.factorize, s.times.solve, s.times.contact,
-          s.times.advance, r.step.linearization_s, r.step.lateness_s}) {
-      out.f32(1e3 * seconds);
-    }
-    for (const int n : {s.contacts_found, s.contacts, s.active, s.sticking, s.sliding, s.solver_iterations}) {
-      out.f32(n);
-    }
-    for (const double v : {s.solver_residual, s.penetration, s.kinetic_energy, s.elastic_energy}) out.f32(v);
-    out.f32(static_cast<int>(s.status));
-    out.f32(r.substeps);
-    out.f32(0);
-  }
+  for (const TickRow& row : ticks_) writeTick(row, origin, out);
+  for (const StepRow& row : steps_) writeStep(row, origin, out);
   ticks_.clear();
   steps_.clear();
   return out.take();

@@ -14,9 +14,9 @@
 
 namespace palpate {
 
-// What the page is sent, byte by byte and key by key as docs/viewer.md says.
+class ByteWriter;
 
-inline constexpr int kViewerProtocol = 1;
+// What the page is sent, byte by byte and key by key as docs/viewer.md says.
 
 /// A scene that a viewer may choose.
 struct SceneEntry {
@@ -26,7 +26,7 @@ struct SceneEntry {
 };
 
 /// What a person may change while a scene runs.
-struct LiveSettings {
+struct InteractiveSettings {
   double friction = 1.0;   ///< factor on all coefficients
   double stiffness = 1.0;  ///< factor on all moduli
   double speed = 1.0;      ///< of simulated time against the clock
@@ -35,7 +35,7 @@ struct LiveSettings {
 };
 
 /// Who is there and what goes on, besides the settings.
-struct LiveStatus {
+struct InteractiveStatus {
   std::optional<int> hand;  ///< viewer that holds the device
   bool on_path = true;      ///< the scene's own path drives the hand
   int viewers = 0;
@@ -47,19 +47,19 @@ struct LiveStatus {
 std::string sceneMessage(const SceneConfig& config, const BuiltScene& scene, const std::vector<SceneEntry>& scenes,
                          std::uint32_t generation);
 /// JSON `state`.
-std::string stateMessage(const SceneConfig& config, const LiveSettings& settings, const LiveStatus& status,
-                         std::uint32_t generation);
+std::string stateMessage(const SceneConfig& config, const InteractiveSettings& settings,
+                         const InteractiveStatus& status, std::uint32_t generation);
 /// JSON `notice`; line ends in the text become spaces.
 std::string noticeMessage(bool error, const std::string& text);
 
-struct LiveFigures {
+struct LoopFigures {
   std::uint64_t ticks = 0, missed = 0, dropped = 0;
   double delivered_energy = 0;  ///< [J]
   double server_share = 0;      ///< of one core
   std::string realtime_note;    ///< empty: all granted
 };
 /// JSON `stats`.
-std::string statsMessage(const LiveFigures& figures, const PeriodicReport& report);
+std::string statsMessage(const LoopFigures& figures, const PeriodicReport& report);
 
 /// Binary `geometry`.
 std::string geometryMessage(const World& world, std::uint32_t generation);
@@ -70,7 +70,7 @@ struct SceneState {
   Pose handle;
   std::vector<float> nodes;     ///< of all bodies, x y z [m]
   std::vector<float> stress;    ///< von Mises at the nodes [Pa]; empty: not wanted
-  std::vector<float> contacts;  ///< ten numbers each
+  std::vector<float> contacts;  ///< rows of protocol::kContactColumns
 };
 
 /// Copies states out of a world; keeps what the stress needs of the meshes.
@@ -114,6 +114,8 @@ class SampleEncoder {
     VisualRecord step;
     int substeps;
   };
+  void writeTick(const TickRow& row, double origin, ByteWriter& out) const;
+  void writeStep(const StepRow& row, double origin, ByteWriter& out) const;
   struct VisualHandle {
     double time;  ///< of its model [s]
     Pose pose;

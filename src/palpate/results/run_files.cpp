@@ -172,6 +172,14 @@ struct RunFiles::Impl {
 
   double maxOf(const std::vector<double>& v) const { return v.empty() ? 0.0 : *std::max_element(v.begin(), v.end()); }
 
+  static nlohmann::ordered_json flagCounts(const TickCounters& counters) {
+    nlohmann::ordered_json flags;
+    for (std::size_t k = 0; k < kTickFlagCount; ++k) {
+      flags[toString(static_cast<TickFlag>(k))] = counters[static_cast<TickFlag>(k)];
+    }
+    return flags;
+  }
+
   nlohmann::ordered_json summary(const BuiltScene& scene, const RunOutcome& outcome) const {
     nlohmann::ordered_json j;
     j["scene"] = config.name;
@@ -203,11 +211,7 @@ struct RunFiles::Impl {
       j["haptic"]["dropped_rows"] = outcome.dropped_rows;
       j["haptic"]["priority_note"] = outcome.realtime_note;
     }
-    nlohmann::ordered_json flags;
-    for (std::size_t k = 0; k < kTickFlagCount; ++k) {
-      flags[toString(static_cast<TickFlag>(k))] = outcome.counters[static_cast<TickFlag>(k)];
-    }
-    j["haptic"]["flags"] = flags;
+    j["haptic"]["flags"] = flagCounts(outcome.counters);
     j["linearization"] = {{"median_ms", percentile(linearization_ms, 0.5)},
                           {"median_contact_ms", percentile(linearization_ms_contact, 0.5)}};
     j["contact"] = {{"max_active", static_cast<int>(maxOf(active))},
@@ -233,6 +237,14 @@ struct RunFiles::Impl {
                                     "What the device renders, after the safety stage; world frame, z up."));
     if (other != nullptr) page.plots.push_back(comparisonPlot(*other));
     page.plots.push_back(vectorPlot("Torque on the hand", "Torque, N m", plot_time, plot_sent, 3, "time", ""));
+    page.plots.push_back(positionPlot());
+    addStepPlots(page.plots);
+    page.footer =
+        "Written by palpate run. The numbers behind the plots: haptic.csv, visual.csv, timing.csv, summary.json.";
+    return page;
+  }
+
+  Plot positionPlot() const {
     Plot where;
     where.title = "Height and travel";
     where.y_label = "Position, m";
@@ -251,9 +263,12 @@ struct RunFiles::Impl {
       where.series.push_back(std::move(device));
       where.series.push_back(std::move(proxy));
     }
-    page.plots.push_back(std::move(where));
-    const auto stepPlot = [&](const std::string& title, const std::string& label, std::vector<Series> series,
-                              const std::string& note) {
+    return where;
+  }
+
+  void addStepPlots(std::vector<Plot>& plots) const {
+    const auto add = [&](const std::string& title, const std::string& label, std::vector<Series> series,
+                         const std::string& note) {
       Plot p;
       p.title = title;
       p.y_label = label;
@@ -262,17 +277,13 @@ struct RunFiles::Impl {
       p.group = "time";
       p.half_width = true;
       p.note = note;
-      page.plots.push_back(std::move(p));
+      plots.push_back(std::move(p));
     };
-    stepPlot("Contacts", "Contacts", {{"after reduction", contacts}, {"carrying force", active}, {"sliding", sliding}},
-             "");
-    stepPlot("Deepest penetration", "Penetration, mm", {{"penetration", penetration_mm}},
-             "Of any surface vertex at the end of a visual step.");
-    stepPlot("Energy of the bodies", "Energy, J", {{"kinetic", kinetic}, {"elastic", elastic}}, "");
-    stepPlot("Cost of a visual step", "Time, ms", {{"whole step", step_ms}, {"linearization", linearization_ms}}, "");
-    page.footer =
-        "Written by palpate run. The numbers behind the plots: haptic.csv, visual.csv, timing.csv, summary.json.";
-    return page;
+    add("Contacts", "Contacts", {{"after reduction", contacts}, {"carrying force", active}, {"sliding", sliding}}, "");
+    add("Deepest penetration", "Penetration, mm", {{"penetration", penetration_mm}},
+        "Of any surface vertex at the end of a visual step.");
+    add("Energy of the bodies", "Energy, J", {{"kinetic", kinetic}, {"elastic", elastic}}, "");
+    add("Cost of a visual step", "Time, ms", {{"whole step", step_ms}, {"linearization", linearization_ms}}, "");
   }
 
   void writePng(const std::string& name, const std::vector<unsigned char>& png) {

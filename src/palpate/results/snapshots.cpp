@@ -33,7 +33,7 @@ const std::array<Color, 7> kBodyColors{
     Color(0.93F, 0.83F, 0.46F), Color(0.48F, 0.75F, 0.73F), Color(0.86F, 0.62F, 0.64F)};
 
 /// Share of a surface point that moves with the handle.
-float attachedShare(const Body& body, const EmbeddedPoint& point) {
+float attachedShare(const BodyModel& body, const EmbeddedPoint& point) {
   if (!body.held() || point.tetrahedron < 0) return 0.0F;
   double share = 0;
   for (int k = 0; k < 4; ++k) {
@@ -70,7 +70,8 @@ Eigen::AlignedBox3d boundsOf(const std::vector<Vec3>& points) {
 
 }  // namespace
 
-Snapshots::Snapshots(const SceneConfig& config, const World& world, int count) : config_(config), world_(world) {
+Snapshots::Snapshots(const SceneConfig& config, const World& world, int count)
+    : config_(config), world_(world), looking_along_(-config.viewFrom()) {
   for (int i = 0; i < count; ++i) due_.push_back(config.duration * (i + 0.5) / count);
 }
 
@@ -83,27 +84,20 @@ RunSink Snapshots::watch(RunSink sink) {
   };
   out.visual = [this, pass = std::move(sink.visual)](const VisualRecord& r) {
     const double end = r.time + config_.visual_step;  // the bodies stand as at the end of the step
-    if (moments_.size() < due_.size() && end >= due_[moments_.size()]) {
-      Moment moment{end, {}, last_tick_.device.pose, last_tick_.sent.head<3>()};
-      for (int i = 0; i < world_.bodies(); ++i) moment.nodes.push_back(world_.body(i).positions());
-      moments_.push_back(std::move(moment));
+    if (shots_.size() < due_.size() && end >= due_[shots_.size()]) {
+      Snapshot shot{end, {}, last_tick_.device.pose, last_tick_.sent.head<3>()};
+      for (int i = 0; i < world_.bodies(); ++i) shot.nodes.push_back(world_.body(i).state.positions);
+      shots_.push_back(std::move(shot));
     }
     pass(r);
   };
   return out;
 }
 
-/// Three quarters from the front and from above. The alien looks along +y; anything else is seen from -y, as drawings
-/// are.
-Vec3 Snapshots::lookingAlong() const {
-  const double front = std::holds_alternative<AlienShapeConfig>(config_.tool.shape) ? 1.0 : -1.0;
-  return Vec3(-0.50 * front, -0.95 * front, -0.42).normalized();
-}
-
-PictureMesh Snapshots::bodyMesh(int body, const Moment& moment) const {
-  const Body& b = world_.body(body);
+PictureMesh Snapshots::bodyMesh(int body, const Snapshot& shot) const {
+  const BodyModel& b = world_.body(body).model;
   const SimulationMesh& mesh = b.mesh();
-  const VecX points = EmbeddingMap(mesh.mesh, mesh.embedding).interpolate(moment.nodes[body]);
+  const VecX points = EmbeddingMap(mesh.mesh, mesh.embedding).interpolate(shot.nodes[body]);
   PictureMesh out;
   out.triangles = mesh.surface.triangles;
   const Color& own = kBodyColors[body % kBodyColors.size()];
@@ -130,7 +124,7 @@ std::vector<PictureMesh> Snapshots::obstacleMeshes() const {
       whole.colors = {kObstacleColor};
       whole.inside = kInside;
       if (surroundsTool(mesh->surface)) {
-        const Vec3 away = Vec3(lookingAlong().x(), lookingAlong().y(), 0.0).normalized();  // an upright section
+        const Vec3 away = Vec3(looking_along_.x(), looking_along_.y(), 0.0).normalized();  // an upright section
         out.push_back(cutOpen(whole, boundsOf(whole.vertices).center(), away));
       } else {
         out.push_back(std::move(whole));
@@ -142,19 +136,19 @@ std::vector<PictureMesh> Snapshots::obstacleMeshes() const {
 
 /// Whether a point of the tool, in any picture, has the surface on its four sides: in front, behind, left and right.
 bool Snapshots::surroundsTool(const Surface& surface) const {
-  const CameraFrame frame = cameraFrame(lookingAlong());
+  const CameraFrame frame = cameraFrame(looking_along_);
   const Vec3 ahead = Vec3::UnitZ().cross(frame.right);
   const Eigen::AlignedBox3d bounds = boundsOf(surface.vertices);
   int tool = 0;
-  while (tool < world_.bodies() && !world_.body(tool).held()) ++tool;
+  while (tool < world_.bodies() && !world_.body(tool).model.held()) ++tool;
   if (tool == world_.bodies()) return false;
   const auto hidden = [&](const Vec3& x, const Vec3& direction) {
     return std::any_of(surface.triangles.begin(), surface.triangles.end(), [&](const std::array<int, 3>& t) {
       return meets(x, direction, surface.vertices[t[0]], surface.vertices[t[1]], surface.vertices[t[2]]);
     });
   };
-  for (const Moment& moment : moments_) {
-    const std::vector<Vec3> points = bodyMesh(tool, moment).vertices;
+  for (const Snapshot& shot : shots_) {
+    const std::vector<Vec3> points = bodyMesh(tool, shot).vertices;
     const std::size_t stride = std::max<std::size_t>(1, points.size() / kProbes);
     for (std::size_t i = 0; i < points.size(); i += stride) {
       const Vec3& x = points[i];
@@ -168,47 +162,54 @@ bool Snapshots::surroundsTool(const Surface& surface) const {
 }
 
 /// The hand holds a pen whose tip is at the device's position and that turns with the device.
-Vec3 Snapshots::penAxis(const Moment& moment) const {
-  const CameraFrame frame = cameraFrame(lookingAlong());
-  const Quat turned = moment.device.rotation * start_rotation_.value_or(moment.device.rotation).conjugate();
+Vec3 Snapshots::penAxis(const Snapshot& shot) const {
+  const CameraFrame frame = cameraFrame(looking_along_);
+  const Quat turned = shot.device.rotation * start_rotation_.value_or(shot.device.rotation).conjugate();
   return (turned * (Vec3::UnitZ() + 0.5 * frame.right)).normalized();
 }
 
-Vec3 Snapshots::grip(const Moment& moment) const {
-  return moment.device.position + kGrip * pen_length_ * penAxis(moment);
-}
+Vec3 Snapshots::grip(const Snapshot& shot) const { return shot.device.position + kGrip * pen_length_ * penAxis(shot); }
 
-PictureScene Snapshots::sceneAt(const Moment& moment, const PictureScene& common, double metres_per_newton) const {
+PictureScene Snapshots::sceneAt(const Snapshot& shot, const PictureScene& common) const {
   PictureScene scene = common;
-  for (int i = 0; i < world_.bodies(); ++i) scene.meshes.push_back(bodyMesh(i, moment));
-  scene.meshes.push_back(penMesh(moment.device.position, penAxis(moment), pen_length_, kPenColor));
-  if (moment.force.norm() > kWeakForce) {
-    const Vec3 tail = grip(moment), tip = tail + metres_per_newton * moment.force;
+  for (int i = 0; i < world_.bodies(); ++i) scene.meshes.push_back(bodyMesh(i, shot));
+  scene.meshes.push_back(penMesh(shot.device.position, penAxis(shot), pen_length_, kPenColor));
+  if (shot.force.norm() > kWeakForce) {
+    const Vec3 tail = grip(shot), tip = tail + meters_per_newton_ * shot.force;
     scene.meshes.push_back(arrowMesh(tail, tip, 0.045 * pen_length_, kForceColor));
   }
   return scene;
 }
 
-RunPictures Snapshots::draw() {
-  RunPictures out;
-  if (moments_.empty()) return out;
+/// All points of the bodies, in any picture, and of what is no larger than they are and thus seen whole.
+std::vector<Vec3> Snapshots::pointsToSee(const std::vector<PictureMesh>& obstacles) const {
   std::vector<Vec3> seen;
-  double strongest = kFaintForce;
-  for (const Moment& moment : moments_) {
+  for (const Snapshot& shot : shots_) {
     for (int i = 0; i < world_.bodies(); ++i) {
-      const std::vector<Vec3> vertices = bodyMesh(i, moment).vertices;
+      const std::vector<Vec3> vertices = bodyMesh(i, shot).vertices;
       seen.insert(seen.end(), vertices.begin(), vertices.end());
     }
-    strongest = std::max(strongest, moment.force.norm());
   }
-  PictureScene common;
-  common.meshes = obstacleMeshes();
   const double size = boundsOf(seen).diagonal().norm();
-  for (const PictureMesh& mesh : common.meshes) {  // what is no larger than the bodies is seen whole
+  for (const PictureMesh& mesh : obstacles) {
     if (boundsOf(mesh.vertices).diagonal().norm() <= size) {
       seen.insert(seen.end(), mesh.vertices.begin(), mesh.vertices.end());
     }
   }
+  return seen;
+}
+
+double Snapshots::strongestForce() const {
+  double strongest = kFaintForce;
+  for (const Snapshot& shot : shots_) strongest = std::max(strongest, shot.force.norm());
+  return strongest;
+}
+
+/// What all pictures share, camera included. @param width  of a picture [px], which is chosen here
+PictureScene Snapshots::commonScene(double strongest, int& width) {
+  PictureScene common;
+  common.meshes = obstacleMeshes();
+  std::vector<Vec3> seen = pointsToSee(common.meshes);
   const Eigen::AlignedBox3d bounds = boundsOf(seen);
   common.focus = bounds.center();
   common.radius = 0.5 * bounds.diagonal().norm();
@@ -218,30 +219,42 @@ RunPictures Snapshots::draw() {
       common.planes.push_back({plane->point, plane->normal});
   }
   pen_length_ = kPenLength * common.radius;
-  const double metres_per_newton = kArrowLength * common.radius / strongest;
-  for (const Moment& moment : moments_) {
-    seen.push_back(grip(moment) + metres_per_newton * moment.force);
-    seen.push_back(moment.device.position + pen_length_ * penAxis(moment));
+  meters_per_newton_ = kArrowLength * common.radius / strongest;
+  for (const Snapshot& shot : shots_) {
+    seen.push_back(grip(shot) + meters_per_newton_ * shot.force);
+    seen.push_back(shot.device.position + pen_length_ * penAxis(shot));
   }
   // a little wider than the bodies need, for the shadow beside them
-  const double aspect = std::min(1.18 * fitAspect(seen, lookingAlong(), kFieldOfView, 0.7, 1.6, kMargin), 1.6);
-  const int width = static_cast<int>(std::lround(kHeight * aspect));
-  common.camera = fitCamera(seen, lookingAlong(), kFieldOfView, static_cast<double>(width) / kHeight, kMargin);
+  const double aspect = std::min(1.18 * fitAspect(seen, looking_along_, kFieldOfView, 0.7, 1.6, kMargin), 1.6);
+  width = static_cast<int>(std::lround(kHeight * aspect));
+  common.camera = fitCamera(seen, looking_along_, kFieldOfView, static_cast<double>(width) / kHeight, kMargin);
+  return common;
+}
+
+Image Snapshots::imageOf(const Snapshot& shot, const Bitmap& bitmap) const {
+  Image image;
+  image.title = fmt::format("{:.1f} s, {:.2f} N", shot.time, shot.force.norm());
+  image.alt = fmt::format("{} at {:.1f} s, the part that is held in red; force on the hand {:.2f} N", config_.name,
+                          shot.time, shot.force.norm());
+  image.png = encodePng(bitmap);
+  return image;
+}
+
+RunPictures Snapshots::draw() {
+  RunPictures out;
+  if (shots_.empty()) return out;
+  const double strongest = strongestForce();
+  int width = 0;
+  const PictureScene common = commonScene(strongest, width);
   std::vector<Bitmap> bitmaps;
-  for (const Moment& moment : moments_) {
-    bitmaps.push_back(render(sceneAt(moment, common, metres_per_newton), width, kHeight));
-    Image image;
-    image.title = fmt::format("{:.1f} s, {:.2f} N", moment.time, moment.force.norm());
-    image.alt = fmt::format("{} at {:.1f} s, the part that is held in red; force on the hand {:.2f} N", config_.name,
-                            moment.time, moment.force.norm());
-    image.png = encodePng(bitmaps.back());
-    out.images.push_back(std::move(image));
+  for (const Snapshot& shot : shots_) {
+    bitmaps.push_back(render(sceneAt(shot, common), width, kHeight));
+    out.images.push_back(imageOf(shot, bitmaps.back()));
   }
   out.sheet = encodePng(sheet(bitmaps, 3, 10));
   out.note = fmt::format(
       "Red is what the hand holds, with the pen; the arrow is the force on the hand, the longest {:.2g} N. The grid's "
-      "lines "
-      "are {:.3g} mm apart.",
+      "lines are {:.3g} mm apart.",
       strongest, 1e3 * common.grid);
   return out;
 }

@@ -35,29 +35,34 @@ class Snapshots {
   RunPictures draw();
 
  private:
-  struct Moment {
+  struct Snapshot {
     double time;              ///< [s]
     std::vector<VecX> nodes;  ///< positions, one a body [m]
     Pose device;
     Vec3 force;  ///< on the hand [N]
   };
 
-  Vec3 lookingAlong() const;
-  PictureMesh bodyMesh(int body, const Moment& moment) const;
+  PictureMesh bodyMesh(int body, const Snapshot& shot) const;
   /// Obstacles but planes. A mesh that surrounds a part of the tool is cut open towards the camera.
   std::vector<PictureMesh> obstacleMeshes() const;
   bool surroundsTool(const Surface& surface) const;
-  Vec3 penAxis(const Moment& moment) const;
-  Vec3 grip(const Moment& moment) const;
-  PictureScene sceneAt(const Moment& moment, const PictureScene& common, double metres_per_newton) const;
+  Vec3 penAxis(const Snapshot& shot) const;
+  Vec3 grip(const Snapshot& shot) const;
+  std::vector<Vec3> pointsToSee(const std::vector<PictureMesh>& obstacles) const;
+  double strongestForce() const;
+  PictureScene commonScene(double strongest, int& width);
+  PictureScene sceneAt(const Snapshot& shot, const PictureScene& common) const;
+  Image imageOf(const Snapshot& shot, const Bitmap& bitmap) const;
 
   const SceneConfig& config_;
   const World& world_;
+  Vec3 looking_along_;       // unit length
   std::vector<double> due_;  // [s]
-  std::vector<Moment> moments_;
+  std::vector<Snapshot> shots_;
   TickRecord last_tick_;
   std::optional<Quat> start_rotation_;  // of the device
   double pen_length_ = 0;               // [m]
+  double meters_per_newton_ = 0;        // of arrows
 };
 
 }  // namespace palpate

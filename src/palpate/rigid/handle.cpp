@@ -8,22 +8,22 @@
 
 namespace palpate {
 
-Mat6 Handle::massMatrix() const {
+Mat6 Handle::massMatrix(const Pose& pose) const {
   Mat6 m = Mat6::Zero();
   m.topLeftCorner<3, 3>().diagonal().setConstant(mass);
-  m.bottomRightCorner<3, 3>() = worldInertia();
+  m.bottomRightCorner<3, 3>() = worldInertia(pose);
   return m;
 }
 
-Eigen::Matrix<double, 3, 6> Handle::jacobian(int k) const {
+Eigen::Matrix<double, 3, 6> Handle::jacobian(int k, const Pose& pose) const {
   Eigen::Matrix<double, 3, 6> g;
   g.leftCols<3>().setIdentity();
   g.rightCols<3>() = -skew(pose.rotation * offsets[k]);
   return g;
 }
 
-Vec3 Handle::nodeVelocity(int k) const {
-  return twist.head<3>() + Vec3(twist.tail<3>()).cross(pose.rotation * offsets[k]);
+Vec3 Handle::nodeVelocity(int k, const HandleState& state) const {
+  return state.twist.head<3>() + Vec3(state.twist.tail<3>()).cross(state.pose.rotation * offsets[k]);
 }
 
 Handle makeHandle(const std::string& name, const std::vector<int>& nodes, const std::vector<Vec3>& positions,
@@ -44,11 +44,11 @@ Handle makeHandle(const std::string& name, const std::vector<int>& nodes, const 
     center.setZero();
     for (const Vec3& p : positions) center += p / static_cast<double>(positions.size());
   }
-  h.pose = {center, rotation.normalized()};
+  h.start.pose = {center, rotation.normalized()};
   constexpr double kLeastRadius = 0.01;  // a handle is never smaller than what fingers hold
   double radius = kLeastRadius;
   for (std::size_t i = 0; i < nodes.size(); ++i) {
-    const Vec3 r = h.pose.rotation.conjugate() * (positions[i] - center);
+    const Vec3 r = h.start.pose.rotation.conjugate() * (positions[i] - center);
     h.offsets.push_back(r);
     h.attached_inertia += masses[i] * (r.squaredNorm() * Mat3::Identity() - r * r.transpose());
     radius = std::max(radius, r.norm());
@@ -58,6 +58,17 @@ Handle makeHandle(const std::string& name, const std::vector<int>& nodes, const 
   h.inertia = h.attached_inertia;
   for (int k = 0; k < 3; ++k) h.inertia(k, k) += own_inertia[k] > 0 ? own_inertia[k] : ball;
   return h;
+}
+
+Handle handleOnNodes(const std::string& name, const std::vector<int>& nodes, const std::vector<Vec3>& positions,
+                     const VecX& masses, double own_mass, const Vec3& own_inertia, const Quat& rotation) {
+  std::vector<Vec3> attached_positions;
+  std::vector<double> attached_masses;
+  for (const int i : nodes) {
+    attached_positions.push_back(positions[i]);
+    attached_masses.push_back(masses[i]);
+  }
+  return makeHandle(name, nodes, attached_positions, attached_masses, own_mass, own_inertia, rotation);
 }
 
 }  // namespace palpate

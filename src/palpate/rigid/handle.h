@@ -7,9 +7,15 @@
 
 namespace palpate {
 
+/// Where a handle is and how it moves.
+struct HandleState {
+  Pose pose;
+  Vec6 twist = Vec6::Zero();  ///< velocity of the origin and angular velocity, world [m/s; rad/s]
+};
+
 /// Rigid handle with the tool's nodes that are attached to it: x_i = p + R r_i, velocity G_i u, G_i = [I, -[R r_i]x].
 /// Its origin p is the center of mass of handle and attached nodes; the handle's own mass is centered on the attached
-/// nodes' center of mass, so no weight has a moment about p.
+/// nodes' center of mass, so no weight has a moment about p. What moves is in HandleState.
 struct Handle {
   std::string name;
   std::vector<int> nodes;                ///< attached nodes of the tool's mesh
@@ -18,17 +24,16 @@ struct Handle {
   Mat3 inertia = Mat3::Zero();           ///< handle and attached nodes, about p, handle's frame [kg m^2]
   double attached_mass = 0;              ///< attached nodes alone [kg]
   Mat3 attached_inertia = Mat3::Zero();  ///< attached nodes alone, about p, handle's frame [kg m^2]
-  Pose pose;
-  Vec6 twist = Vec6::Zero();
+  HandleState start;                     ///< of a run
 
   /// R I R^T [kg m^2].
-  Mat3 worldInertia() const { return pose.matrix() * inertia * pose.matrix().transpose(); }
+  Mat3 worldInertia(const Pose& pose) const { return pose.matrix() * inertia * pose.matrix().transpose(); }
   /// M_h, 6x6: mass and world inertia.
-  Mat6 massMatrix() const;
-  /// G_i of the k-th attached node, 3x6, at the present pose.
-  Eigen::Matrix<double, 3, 6> jacobian(int k) const;
-  Vec3 nodePosition(int k) const { return pose.apply(offsets[k]); }
-  Vec3 nodeVelocity(int k) const;
+  Mat6 massMatrix(const Pose& pose) const;
+  /// G_i of the k-th attached node, 3x6.
+  Eigen::Matrix<double, 3, 6> jacobian(int k, const Pose& pose) const;
+  Vec3 nodePosition(int k, const Pose& pose) const { return pose.apply(offsets[k]); }
+  Vec3 nodeVelocity(int k, const HandleState& state) const;
 };
 
 /// Handle on the given nodes.
@@ -40,5 +45,24 @@ struct Handle {
 /// @throws InputError if there is no node or the mass is not positive
 Handle makeHandle(const std::string& name, const std::vector<int>& nodes, const std::vector<Vec3>& positions,
                   const std::vector<double>& masses, double own_mass, const Vec3& own_inertia, const Quat& rotation);
+
+/// Indices of the points that a region contains, increasing.
+/// @param points  of a mesh, say at rest [m]
+/// @param region  predicate of a point
+template <class Region>
+std::vector<int> nodesWhere(const std::vector<Vec3>& points, const Region& region) {
+  std::vector<int> nodes;
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    if (region(points[i])) nodes.push_back(static_cast<int>(i));
+  }
+  return nodes;
+}
+
+/// makeHandle() of a body: takes from the positions and masses of all its nodes what belongs to those attached.
+/// @param nodes      attached
+/// @param positions  of all nodes [m], world
+/// @param masses     of all nodes [kg]
+Handle handleOnNodes(const std::string& name, const std::vector<int>& nodes, const std::vector<Vec3>& positions,
+                     const VecX& masses, double own_mass, const Vec3& own_inertia, const Quat& rotation);
 
 }  // namespace palpate

@@ -8,7 +8,6 @@
 #include "palpate/devices/prescribed_device.h"
 #include "palpate/devices/recorded_device.h"
 #include "palpate/devices/simulated_device.h"
-#include "palpate/haptics/coupling.h"
 #include "palpate/math/rotation.h"
 #include "palpate/mesh/alien.h"
 #include "palpate/mesh/revolution.h"
@@ -75,24 +74,12 @@ void place(SimulationMesh& mesh, const Pose& pose) {
   for (Vec3& p : mesh.surface.vertices) p = pose.apply(p);
 }
 
-Handle buildHandle(const ToolConfig& tool, const SimulationMesh& rest, const Body& body) {
+Handle buildHandle(const ToolConfig& tool, const SimulationMesh& rest, const BodyModel& body) {
   const HandleConfig& config = tool.chosenHandle();
   const RegionConfig region = resolvedRegion(config.region, tool.shape);
-  std::vector<int> nodes;
-  std::vector<Vec3> positions;
-  std::vector<double> masses;
-  for (int i = 0; i < body.nodes(); ++i) {
-    if (!contains(region, rest.mesh.nodes[i])) continue;
-    nodes.push_back(i);
-    positions.push_back(body.positions().segment<3>(3 * i));
-    masses.push_back(body.elasticity().mass()[i]);
-  }
-  return makeHandle(config.name, nodes, positions, masses, config.mass, config.inertia.value_or(Vec3::Zero()),
-                    tool.pose.rotation);
-}
-
-Material buildMaterial(const MaterialConfig& m) {
-  return {m.youngs_modulus, m.poisson_ratio, m.density, m.damping_alpha, m.damping_beta};
+  const auto nodes = nodesWhere(rest.mesh.nodes, [&](const Vec3& p) { return contains(region, p); });
+  return handleOnNodes(config.name, nodes, body.mesh().mesh.nodes, body.elasticity().mass(), config.mass,
+                       config.inertia.value_or(Vec3::Zero()), tool.pose.rotation);
 }
 
 Obstacle buildObstacle(const ObstacleConfig& config) {
@@ -123,21 +110,6 @@ Path buildPath(const HandConfig& hand) {
   return Path(std::move(keys), hand.smooth ? Interpolation::smooth : Interpolation::linear);
 }
 
-SimulatedDeviceSettings simulatedSettings(const DeviceConfig& d) {
-  SimulatedDeviceSettings s;
-  const auto set = [](double& value, const std::optional<double>& given) { value = given.value_or(value); };
-  set(s.mass, d.mass);
-  set(s.inertia, d.inertia);
-  set(s.damping, d.damping);
-  set(s.rotational_damping, d.rotational_damping);
-  set(s.hand_stiffness, d.hand_stiffness);
-  set(s.hand_damping, d.hand_damping);
-  set(s.hand_rotational_stiffness, d.hand_rotational_stiffness);
-  set(s.hand_rotational_damping, d.hand_rotational_damping);
-  s.limits = d.limits;
-  return s;
-}
-
 std::unique_ptr<Device> buildDevice(const SceneConfig& config, Pose& start) {
   const DeviceConfig& d = config.device;
   if (d.kind == DeviceName::recorded) {
@@ -148,7 +120,7 @@ std::unique_ptr<Device> buildDevice(const SceneConfig& config, Pose& start) {
   }
   Path path = buildPath(config.tool.chosenHandle().hand);
   if (d.kind == DeviceName::prescribed) return std::make_unique<PrescribedDevice>(std::move(path), start, d.limits);
-  return std::make_unique<SimulatedDevice>(simulatedSettings(d), std::move(path), start);
+  return std::make_unique<SimulatedDevice>(d, std::move(path), start);
 }
 
 HapticSettings buildHaptic(const SceneConfig& config, const World& world) {
@@ -156,34 +128,34 @@ HapticSettings buildHaptic(const SceneConfig& config, const World& world) {
   h.dt = config.haptic_step;
   h.rendering = renderingOf(config.method);
   h.link = world.link;
-  const Handle& handle = world.tool().handle();
+  const Handle& handle = world.tool().model.handle();
   h.proxy.mass = handle.mass;
   h.proxy.inertia = handle.inertia;
   h.proxy.gravity = config.gravity;
   if (config.weight_compensation) h.compensation = staticWeight(world);
-  h.safety = safetyForDevice(config.device.limits);
+  h.safety = safetyForDevice(config.safety.settings, config.device.limits);
   h.safety.model_age_limit = config.safety.model_age_limit.value_or(modelAgeLimit(config.visual_step, config.latency));
-  if (config.safety.max_slew) h.safety.force_slew = *config.safety.max_slew;
-  if (config.safety.start_ramp) h.safety.start_ramp = *config.safety.start_ramp;
   return h;
 }
 
 }  // namespace
 
 CompensatedWeight staticWeight(const World& world) {
-  const Body& tool = world.tool();
-  const Handle& handle = tool.handle();
+  const Body tool = world.tool();
+  const Handle& handle = tool.model.handle();
+  const Pose& pose = tool.state.handle.pose;
   CompensatedWeight out;
-  out.weight = tool.totalMass() * world.gravity;
-  Vec3 moment = (handle.mass - handle.attached_mass) * handle.pose.position;
-  for (int i = 0; i < tool.nodes(); ++i) moment += tool.elasticity().mass()[i] * tool.positions().segment<3>(3 * i);
-  out.center = handle.pose.rotation.conjugate() * (moment / tool.totalMass() - handle.pose.position);
+  out.weight = tool.model.totalMass() * world.gravity;
+  Vec3 moment = (handle.mass - handle.attached_mass) * pose.position;
+  for (int i = 0; i < tool.model.nodes(); ++i) {
+    moment += tool.model.elasticity().mass()[i] * tool.state.positions.segment<3>(3 * i);
+  }
+  out.center = pose.rotation.conjugate() * (moment / tool.model.totalMass() - pose.position);
   return out;
 }
 
 std::unique_ptr<MouseDevice> buildMouse(const SceneConfig& config, const Pose& start) {
-  return std::make_unique<MouseDevice>(simulatedSettings(config.device), buildPath(config.tool.chosenHandle().hand),
-                                       start);
+  return std::make_unique<MouseDevice>(config.device, buildPath(config.tool.chosenHandle().hand), start);
 }
 
 SimulationMesh buildMesh(const BodyConfig& config, EmbedReport* report) {
@@ -223,8 +195,7 @@ std::vector<ElementMaterial> elementMaterials(const BodyConfig& body, const Simu
     if (part < 0) {
       out.push_back({own.youngs_modulus, own.poisson_ratio, own.density});
     } else {
-      const MaterialPartConfig& p = own.parts[static_cast<std::size_t>(part)];
-      out.push_back({p.youngs_modulus, p.poisson_ratio, p.density});
+      out.push_back(own.parts[static_cast<std::size_t>(part)]);
     }
   }
   return out;
@@ -263,18 +234,8 @@ BuiltScene buildChecked(const SceneConfig& config) {
   BuiltScene out;
   World& world = out.world;
   world.gravity = config.gravity;
-  const LinkParameters allowed = linkForDevice(config.device.limits);
-  world.link = {config.link.stiffness.value_or(allowed.stiffness), config.link.damping.value_or(allowed.damping),
-                config.link.rotational_stiffness.value_or(allowed.rotational_stiffness),
-                config.link.rotational_damping.value_or(allowed.rotational_damping)};
-  world.contact.cone = config.contact.cone;
-  world.contact.penetration_tolerance = config.contact.penetration_tolerance;
-  world.contact.reach = config.contact.margin;
-  world.contact.recovery_speed = config.contact.max_recovery_speed;
-  world.contact.max_passes = config.contact.max_passes;
-  world.contact.reduce = config.contact.reduction;
-  world.contact.solver.max_iterations = config.contact.solver.max_iterations;
-  world.contact.solver.tolerance = config.contact.solver.tolerance;
+  world.link = config.link;
+  world.contact = config.contact.settings;
   for (const ObstacleConfig& o : config.obstacles) world.obstacles.push_back(buildObstacle(o));
 
   const auto add = [&](const BodyConfig& b, const Vec6& velocity, bool tool) {
@@ -283,8 +244,7 @@ BuiltScene buildChecked(const SceneConfig& config) {
     SimulationMesh mesh = rest;
     place(mesh, b.pose);
     count(out, mesh);
-    Body body(b.name, std::move(mesh), buildMaterial(b.material), frictionOf(b, config), velocity,
-              elementMaterials(b, rest));
+    BodyModel body(b.name, std::move(mesh), b.material, frictionOf(b, config), velocity, elementMaterials(b, rest));
     if (tool) {
       if (report.tetrahedra > 0) out.embedding = report;
       body.hold(buildHandle(config.tool, rest, body));
@@ -292,10 +252,10 @@ BuiltScene buildChecked(const SceneConfig& config) {
     return world.add(std::move(body), b.self_contact);
   };
   add(config.tool, Vec6::Zero(), true);
-  out.start = world.tool().handle().pose;
+  out.start = world.tool().state.handle.pose;
   out.device = buildDevice(config, out.start);
   world.contact.thickness =
-      config.contact.thickness.value_or(0.002 * boundsOf(world.tool().mesh().surface.vertices).diagonal());
+      config.contact.thickness.value_or(0.002 * boundsOf(world.tool().model.mesh().surface.vertices).diagonal());
   std::vector<int> settling{world.toolIndex()};
   for (const FreeBodyConfig& b : config.bodies) {
     Vec6 velocity;
@@ -303,8 +263,8 @@ BuiltScene buildChecked(const SceneConfig& config) {
     if (b.rigid) {
       const Surface surface = placed(buildSurface(b.shape), b.pose);
       out.surface_triangles += static_cast<int>(surface.triangles.size());
-      world.add(
-          Body::rigid(b.name, surface, b.material.density, frictionOf(b, config), velocity, b.material.damping_alpha));
+      world.add(BodyModel::rigid(b.name, surface, b.material.density, frictionOf(b, config), velocity,
+                                 b.material.damping_alpha));
       continue;
     }
     const int index = add(b, velocity, false);

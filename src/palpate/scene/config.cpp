@@ -65,6 +65,16 @@ const HandleConfig& ToolConfig::chosenHandle() const {
   return *std::find_if(handles.begin(), handles.end(), chosen);
 }
 
+Vec3 facing(const ShapeConfig& shape) {
+  return std::holds_alternative<AlienShapeConfig>(shape) ? Vec3::UnitY() : Vec3(-Vec3::UnitY());
+}
+
+Vec3 SceneConfig::viewFrom() const {
+  if (view_from) return *view_from;
+  const Vec3 front = facing(tool.shape);
+  return (0.95 * front + 0.5 * front.cross(Vec3::UnitZ()) + 0.42 * Vec3::UnitZ()).normalized();
+}
+
 int SceneConfig::ticksPerStep() const { return static_cast<int>(std::lround(visual_step / haptic_step)); }
 
 std::optional<std::string> timingObjection(const SceneConfig& config) {

@@ -8,17 +8,20 @@
 #include <variant>
 #include <vector>
 
-#include "palpate/devices/device.h"
-#include "palpate/friction/contact_solver.h"
+#include "palpate/contact/contact_settings.h"
+#include "palpate/devices/simulated_device.h"
+#include "palpate/fem/material.h"
+#include "palpate/haptics/safety.h"
 #include "palpate/math/types.h"
 #include "palpate/mesh/revolution.h"
+#include "palpate/rigid/link.h"
 
 namespace palpate {
 
 // A scene as its file states it: plain values in SI units, angles in radians (the file has degrees), z up,
 // right-handed. Everything here has been checked by the reader (scene/reader.h): numbers are finite and in range, names
 // are unique, references lead somewhere. What only a mesh can tell, e.g. whether a region holds nodes, is the builder's
-// to check.
+// to check. Where a part of the file is a room's settings, it is that room's struct, with that room's defaults.
 
 /// How the haptic loop makes its force; `hsl`, `hsl-exact` and `vc` in files.
 enum class MethodName { hsl, hsl_exact, vc };
@@ -93,6 +96,9 @@ using ShapeConfig =
 
 /// Whether the shape is a surface; the others are tetrahedral meshes.
 bool isSurface(const ShapeConfig& shape);
+/// Horizontal direction in which the shape looks, unit length, rest coordinates. What has no face looks along -y, the
+/// side from which drawings are seen.
+Vec3 facing(const ShapeConfig& shape);
 
 // Regions of a body, in its rest coordinates [m]; nodes on the boundary belong to them.
 
@@ -123,20 +129,11 @@ using RegionConfig =
     std::variant<SphereRegionConfig, BoxRegionConfig, CapsuleRegionConfig, HalfspaceRegionConfig, LandmarkRegionConfig>;
 
 /// Other material in a region; what the file leaves out is the body's.
-struct MaterialPartConfig {
+struct MaterialPartConfig : ElementMaterial {
   RegionConfig region;
-  double youngs_modulus = 2e4;  ///< [Pa]
-  double poisson_ratio = 0.4;   ///< in (-1, 0.5)
-  double density = 1000.0;      ///< [kg/m^3]
 };
 
-/// Isotropic material with Rayleigh damping D = damping_alpha M + damping_beta K.
-struct MaterialConfig {
-  double youngs_modulus = 2e4;  ///< [Pa]
-  double poisson_ratio = 0.4;   ///< in (-1, 0.5)
-  double density = 1000.0;      ///< [kg/m^3]
-  double damping_alpha = 0.0;   ///< [1/s], drag against the world
-  double damping_beta = 0.002;  ///< [s]
+struct MaterialConfig : Material {
   /// A tetrahedron belongs to the last part that holds its centroid (scene/region.h), otherwise to the body.
   std::vector<MaterialPartConfig> parts;
 };
@@ -234,46 +231,22 @@ struct FrictionPairConfig {
 };
 
 struct ContactConfig {
+  ContactSettings settings;               ///< but for the thickness
+  std::optional<double> thickness;        ///< [m]; absent: 0.2 % of the tool's bounding-box diagonal
   double friction = 0.5;                  ///< coefficient where neither pair, obstacle nor body has its own
   std::vector<FrictionPairConfig> pairs;  ///< go before all other coefficients
-  FrictionCone cone;
-  double margin = 2e-4;                 ///< vertices predicted nearer than this without contact are candidates [m]
-  double penetration_tolerance = 1e-5;  ///< another pass looks for missed contacts if one is deeper than this [m]
-  std::optional<double> thickness;  ///< gap that surfaces keep [m]; absent: 0.2 % of the tool's bounding-box diagonal
-  double max_recovery_speed = 0.5;  ///< at which surfaces that overlap are pushed apart [m/s]
-  int max_passes = 8;               ///< passes of finding and solving in a step
-  bool reduction = true;            ///< replace the surface's contact points by a few that say the same
-  ContactSolverSettings solver;
 };
 
-/// Viscoelastic link between handle and device; absent: what the device's limits allow.
-struct LinkConfig {
-  std::optional<double> stiffness;             ///< [N/m]
-  std::optional<double> damping;               ///< [N s/m]
-  std::optional<double> rotational_stiffness;  ///< [N m/rad]
-  std::optional<double> rotational_damping;    ///< [N m s/rad]
-};
-
-/// Absent values: the device's own.
-struct DeviceConfig {
+/// Any kind has the limits; the other settings are for a simulated one.
+struct DeviceConfig : SimulatedDeviceSettings {
   DeviceName kind = DeviceName::simulated;
-  std::optional<FileReference> recording;           ///< of a recorded device
-  std::optional<double> mass;                       ///< apparent, at the stylus [kg]
-  std::optional<double> inertia;                    ///< apparent, of the stylus [kg m^2]
-  std::optional<double> damping;                    ///< [N s/m]
-  std::optional<double> rotational_damping;         ///< [N m s/rad]
-  std::optional<double> hand_stiffness;             ///< of the hand that moves it [N/m]
-  std::optional<double> hand_damping;               ///< [N s/m]
-  std::optional<double> hand_rotational_stiffness;  ///< [N m/rad]
-  std::optional<double> hand_rotational_damping;    ///< [N m s/rad]
-  DeviceLimits limits;
+  std::optional<FileReference> recording;  ///< of a recorded device
 };
 
-/// Last stage before the device; absent values: the stage's own.
+/// Last stage before the device.
 struct SafetyConfig {
-  std::optional<double> max_slew;         ///< of the force [N/s]
-  std::optional<double> start_ramp;       ///< time in which the force fades in [s]
-  std::optional<double> model_age_limit;  ///< force fades out when the newest model is older [s]
+  SafetySettings settings;                ///< but for what the device's limits say, and the age
+  std::optional<double> model_age_limit;  ///< [s]; absent: modelAgeLimit() of visual step and latency
 };
 
 struct SceneConfig {
@@ -292,16 +265,20 @@ struct SceneConfig {
   DerivativeName derivative = DerivativeName::frozen;
   bool weight_compensation = false;  ///< the device does not feel the tool's static weight
   std::uint64_t seed = 1;            ///< of everything random
+  std::optional<Vec3> view_from;     ///< unit vector, world: where pictures of a run look from; absent: viewFrom()
   ContactConfig contact;
   ToolConfig tool;
   std::vector<FreeBodyConfig> bodies;
   std::vector<ObstacleConfig> obstacles;
-  LinkConfig link;
+  LinkParameters link;  ///< what the file leaves out is what the device's limits allow
   DeviceConfig device;
   SafetyConfig safety;
 
   /// Haptic ticks in a visual step.
   int ticksPerStep() const;
+  /// Direction from the bodies to whoever looks at pictures of them, unit length, world: `view_from`, or three quarters
+  /// from the front of the tool's rest shape and from above.
+  Vec3 viewFrom() const;
 };
 
 }  // namespace palpate

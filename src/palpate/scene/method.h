@@ -9,7 +9,7 @@ namespace palpate {
 // What a method is to the two loops.
 
 inline Rendering renderingOf(MethodName method) {
-  return method == MethodName::vc ? Rendering::visual_coupling : Rendering::linearized;
+  return method == MethodName::vc ? Rendering::virtual_coupling : Rendering::linearized;
 }
 inline DelassusModel delassusOf(MethodName method) {
   return method == MethodName::hsl_exact ? DelassusModel::exact : DelassusModel::diagonal;

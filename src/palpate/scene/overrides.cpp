@@ -80,7 +80,7 @@ void applyOverrides(SceneConfig& config, const Overrides& overrides) {
   choose("--method", overrides.method, methodNames(), changed.method);
   choose("--aim", overrides.aim, aimNames(), changed.aim);
   choose("--derivative", overrides.derivative, derivativeNames(), changed.derivative);
-  choose("--cone", overrides.cone, coneNames(), changed.contact.cone.exact);
+  choose("--cone", overrides.cone, coneNames(), changed.contact.settings.cone.exact);
   if (overrides.handle) {
     failOn("--handle", handleObjection(changed.tool, *overrides.handle));
     changed.tool.handle = *overrides.handle;

@@ -54,9 +54,9 @@ MeshObstacleConfig readMeshObstacle(const Value& value) {
 }
 
 /// What friction pairs may name.
-class Things {
+class ContactPartners {
  public:
-  explicit Things(const SceneConfig& scene) {
+  explicit ContactPartners(const SceneConfig& scene) {
     add(scene.tool.name, Kind::soft);
     for (const FreeBodyConfig& body : scene.bodies) add(body.name, body.rigid ? Kind::rigid : Kind::soft);
     for (const ObstacleConfig& obstacle : scene.obstacles) add(obstacle.name, Kind::obstacle);
@@ -88,25 +88,25 @@ class Things {
   std::vector<std::string> names_;
 };
 
-FrictionPairConfig readPair(const Value& value, const Things& things) {
+FrictionPairConfig readPair(const Value& value, const ContactPartners& partners) {
   FrictionPairConfig pair;
   const auto readNames = [&](const Value& list) {
     const std::vector<Value> names = list.items(2);
     if (names.size() != 2) list.fail(fmt::format("has {} names; it must have 2", names.size()));
-    pair.first = things.read(names[0]);
-    pair.second = things.read(names[1]);
-    if (const auto cause = things.objection(pair.first, pair.second)) list.fail(*cause);
+    pair.first = partners.read(names[0]);
+    pair.second = partners.read(names[1]);
+    if (const auto cause = partners.objection(pair.first, pair.second)) list.fail(*cause);
   };
   value.fields({required({"between", readNames}), required(numberField("friction", pair.value, kFrictionCoefficient))});
   return pair;
 }
 
 std::vector<FrictionPairConfig> readPairs(const Value& value, const SceneConfig& scene) {
-  const Things things(scene);
+  const ContactPartners partners(scene);
   std::vector<FrictionPairConfig> pairs;
   std::set<std::pair<std::string, std::string>> named;
   for (const Value& item : value.items(kMaxPairs)) {
-    pairs.push_back(readPair(item, things));
+    pairs.push_back(readPair(item, partners));
     const FrictionPairConfig& pair = pairs.back();
     if (!named.insert(std::minmax(pair.first, pair.second)).second)
       item.fail(fmt::format("the pair {} and {} is given twice", pair.first, pair.second));
@@ -129,20 +129,21 @@ ObstacleConfig readObstacle(const Value& value, std::size_t index) {
 }
 
 void readContact(const Value& value, const SceneConfig& scene, ContactConfig& contact) {
+  ContactSettings& settings = contact.settings;
   const auto readSolver = [&](const Value& solver) {
-    solver.fields({integerField("max_iterations", contact.solver.max_iterations, 1, 1000000),
-                   numberField("tolerance", contact.solver.tolerance, Range::between(0.0, 1.0, ""))});
+    solver.fields({integerField("max_iterations", settings.solver.max_iterations, 1, 1000000),
+                   numberField("tolerance", settings.solver.tolerance, Range::between(0.0, 1.0, ""))});
   };
-  value.fields({{"cone", [&](const Value& v) { contact.cone.exact = v.choice(coneNames()) == 1; }},
-                integerField("facets", contact.cone.facets, 3, 64),
+  value.fields({{"cone", [&](const Value& v) { settings.cone.exact = v.choice(coneNames()) == 1; }},
+                integerField("facets", settings.cone.facets, 3, 64),
                 numberField("friction", contact.friction, kFrictionCoefficient),
                 {"pairs", [&](const Value& v) { contact.pairs = readPairs(v, scene); }},
                 numberField("thickness", contact.thickness, Range::within(1e-6, 0.1, "m")),
-                numberField("max_recovery_speed", contact.max_recovery_speed, Range::positive(100.0, "m/s")),
-                numberField("margin", contact.margin, Range::positive(1.0, "m")),
-                numberField("penetration_tolerance", contact.penetration_tolerance, Range::positive(0.01, "m")),
-                integerField("max_passes", contact.max_passes, 1, 100),
-                booleanField("reduction", contact.reduction),
+                numberField("max_recovery_speed", settings.max_recovery_speed, Range::positive(100.0, "m/s")),
+                numberField("margin", settings.margin, Range::positive(1.0, "m")),
+                numberField("penetration_tolerance", settings.penetration_tolerance, Range::positive(0.01, "m")),
+                integerField("max_passes", settings.max_passes, 1, 100),
+                booleanField("reduction", settings.reduction),
                 {"solver", readSolver}});
 }
 

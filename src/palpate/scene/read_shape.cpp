@@ -89,11 +89,11 @@ RevolutionShapeConfig readRevolution(const Value& value) {
     return {parts[0].number(Range::within(0.0, 10.0, "m")), parts[1].number(Range::within(-10.0, 10.0, "m"))};
   };
   const auto readProfile = [&](const Value& profile) {
-    for (const Value& corner : profile.items(largest_profile)) shape.profile.push_back(readCorner(corner));
+    for (const Value& corner : profile.items(kLargestProfile)) shape.profile.push_back(readCorner(corner));
     if (const auto cause = profileObjection(shape.profile)) profile.fail(*cause);
   };
   value.fields({required({"profile", readProfile}),
-                integerField("segments", shape.segments, least_revolution_segments, largest_revolution_segments)});
+                integerField("segments", shape.segments, kLeastRevolutionSegments, kLargestRevolutionSegments)});
   return shape;
 }
 

@@ -5,6 +5,7 @@
 #include <set>
 
 #include "palpate/common/error.h"
+#include "palpate/haptics/coupling.h"
 #include "palpate/scene/checks.h"
 #include "palpate/scene/limits.h"
 #include "palpate/scene/read_parts.h"
@@ -22,7 +23,7 @@ constexpr int kMaxSubsteps = 1000;
 // Link, device, safety
 // ----------------------------------------------------------------------------------------
 
-void readLink(const Value& value, LinkConfig& link) {
+void readLink(const Value& value, LinkParameters& link) {
   value.fields({numberField("stiffness", link.stiffness, Range::positive(1e6, "N/m")),
                 numberField("damping", link.damping, Range::within(0.0, 1e4, "N s/m")),
                 numberField("rotational_stiffness", link.rotational_stiffness, Range::positive(1e4, "N m/rad")),
@@ -65,8 +66,8 @@ void readDevice(const Value& value, DeviceConfig& device) {
 }
 
 void readSafety(const Value& value, SafetyConfig& safety) {
-  value.fields({numberField("max_slew", safety.max_slew, Range::positive(1e7, "N/s")),
-                numberField("start_ramp", safety.start_ramp, Range::within(0.0, 10.0, "s")),
+  value.fields({numberField("max_slew", safety.settings.max_slew, Range::positive(1e7, "N/s")),
+                numberField("start_ramp", safety.settings.start_ramp, Range::within(0.0, 10.0, "s")),
                 numberField("model_age_limit", safety.model_age_limit, Range::positive(10.0, "s"))});
 }
 
@@ -102,6 +103,9 @@ std::vector<Field> runFields(SceneConfig& config) {
   const auto readHaptic = [&config](const Value& value) {
     value.fields({required(numberField("step", config.haptic_step, limits::kHapticStep))});
   };
+  const auto readView = [&config](const Value& value) {
+    value.fields({required(directionField("from", config.view_from.emplace()))});
+  };
   return {numberField("duration", config.duration, limits::kDuration),
           {"visual", readVisual},
           {"haptic", readHaptic},
@@ -110,6 +114,7 @@ std::vector<Field> runFields(SceneConfig& config) {
           choiceField("aim", config.aim, aimNames()),
           booleanField("weight_compensation", config.weight_compensation),
           {"seed", [&config](const Value& value) { config.seed = value.seed(); }},
+          {"view", readView},
           {"linearization", [&config](const Value& value) {
              value.fields({choiceField("derivative", config.derivative, derivativeNames())});
            }}};
@@ -133,8 +138,12 @@ std::vector<Field> worldFields(SceneConfig& config, NameRegister& names) {
           {"bodies", readBodies},
           {"obstacles", readObstacles},
           {"contact", [&config](const Value& value) { readContact(value, config, config.contact); }},
-          {"link", [&config](const Value& value) { readLink(value, config.link); }},
-          {"device", [&config](const Value& value) { readDevice(value, config.device); }},
+          {"device",
+           [&config](const Value& value) {
+             readDevice(value, config.device);
+             config.link = linkForDevice(config.device.limits);
+           }},
+          {"link", [&config](const Value& value) { readLink(value, config.link); }},  // after what it defaults to
           {"safety", [&config](const Value& value) { readSafety(value, config.safety); }}};
 }
 

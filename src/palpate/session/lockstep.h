@@ -1,57 +1,70 @@
 #pragma once
 
-#include "palpate/scene/builder.h"
+#include <cstdint>
+#include <deque>
+
+#include "palpate/devices/device_memory.h"
+#include "palpate/haptics/device_filter.h"
+#include "palpate/haptics/haptic_loop.h"
+#include "palpate/haptics/realtime.h"
 #include "palpate/session/run_record.h"
+#include "palpate/session/run_timing.h"
+#include "palpate/simulation/world_state.h"
 
 namespace palpate {
 
-/// Timing of a run, from the scene's settings.
-struct RunTiming {
-  double duration = 10;
-  double haptic_step = 0.001;
-  double visual_step = 0.033;
-  int latency = 1;
-  bool predicted_aim = false;
-  int substeps = 1;            ///< parts in which a visual step is taken
-  bool substeps_auto = false;  ///< in real time as many as fit the visual step; in lockstep `substeps`
+/// A model on its way from the visual loop to the haptic one.
+struct ModelArrival {
+  std::int64_t tick;  ///< from which on it counts
+  HandleModel model;
 };
-RunTiming timingOf(const SceneConfig& config);
 
-/// What the visual handle aims at, from a device sample.
-DeviceTarget aimAt(const DeviceState& device, const RunTiming& timing);
+/// All of a run in virtual time between two ticks: given back to a run of the same scene, it goes on to the bit.
+struct LockstepState {
+  std::int64_t tick = 0;  ///< next one
+  WorldState world;
+  HapticLoopState haptic;
+  DeviceFilterState filter;  ///< of the visual loop's samples
+  DeviceMemory device;
+  HandleModel newest;  ///< in use by the haptic loop
+  HandleModel last;    ///< of the last visual step
+  std::deque<ModelArrival> arrivals;
+};
 
-/// One visual step and its handle model: the six steps of the paper's algorithm (section 3.4).
-/// With substeps the derivatives are still those of one step of length h, their horizon; force and motion are those of
-/// the finer steps. That costs one step more.
-/// @param previous  model of the step before, which stays in force if this step fails; its age then tells the watchdog
-VisualRecord visualStep(World& world, const DeviceTarget& target, const LinearizationSettings& settings, double h,
-                        double time, const HandleModel& previous, int substeps = 1);
-
-/// How many substeps fit a visual step, from the time that the last ones took.
-class SubstepBudget {
+/// A scene that runs in virtual time on one thread; the same to the bit on every run on one machine. Tick i is at
+/// i * dt; the visual step of a tick samples the device first, and its model arrives `latency` visual steps later.
+class LockstepRun {
  public:
-  explicit SubstepBudget(const RunTiming& timing) : timing_(timing), substeps_(timing.substeps) {}
-  int substeps() const { return substeps_; }
-  /// @param seconds  that a visual step with substeps() took, linearization included
-  void took(double seconds);
+  /// @param scene, sink  must outlive this
+  /// @throws RunError if the first visual step fails
+  LockstepRun(BuiltScene& scene, const RunTiming& timing, const RunSink& sink);
+  /// Runs all ticks up to `end`, without it.
+  void runUntil(std::int64_t end);
+  /// How many ticks the run's duration has.
+  std::int64_t ticks() const { return ticks_; }
+
+  LockstepState state() const;
+  /// @throws InputError if the state is not of this scene
+  void restore(const LockstepState& state);
+  RunOutcome outcome() const;
 
  private:
+  void visualStepAt(double t, const DeviceState& device);
+  void tickAt(double t, const DeviceState& device);
+
+  BuiltScene& scene_;
   RunTiming timing_;
-  int substeps_;
+  const RunSink& sink_;
+  std::int64_t ticks_, ticks_per_step_;
+  HapticLoop loop_;
+  DeviceFilter filter_;
+  std::int64_t tick_ = 0;
+  HandleModel newest_, last_;
+  std::deque<ModelArrival> arrivals_;
+  DurationHistogram work_;
 };
 
-/// Model of the present state at rest, for the start of a run.
-HandleModel startModel(BuiltScene& scene, const RunTiming& timing);
-
-/// Puts haptic loop and device to the start of a run. @returns the wrench that the hand carries at first
-Vec6 startHaptics(BuiltScene& scene, HapticLoop& loop);
-
-/// Runs a scene in virtual time on one thread; the same to the bit on every run on one machine. Tick i is at i * dt;
-/// the visual step of a tick samples the device first, and its model arrives `latency` visual steps later.
+/// Runs a scene in virtual time from start to end.
 RunOutcome runLockstep(BuiltScene& scene, const RunTiming& timing, const RunSink& sink);
-
-/// Runs a scene in real time, one thread a loop (session/realtime_loops.h), and the caller's thread for the sink. Stops
-/// after the duration.
-RunOutcome runRealtime(BuiltScene& scene, const RunTiming& timing, const RunSink& sink);
 
 }  // namespace palpate

@@ -7,8 +7,11 @@
 namespace palpate {
 namespace {
 
+SubstepBudget budgetOf(const RunTiming& timing) {
+  return {timing.visual_step, timing.substeps, timing.substeps_auto};
+}
+
 constexpr int kHapticPriority = 80;
-constexpr std::chrono::milliseconds kStartDelay{20};  // both threads are up by then, and count from one instant
 constexpr std::size_t kTickRows = 4096;               // four seconds for the owner to fall behind
 constexpr std::size_t kVisualRows = 512;
 constexpr std::int64_t kReportEvery = 512;  // ticks
@@ -22,7 +25,7 @@ RealtimeLoops::RealtimeLoops(BuiltScene& scene, const RunTiming& timing, Stepped
       loop_(scene.haptic),
       filter_(scene.haptic.filter),
       last_(startModel(scene, timing)),
-      budget_(timing),
+      budget_(budgetOf(timing)),
       ticks_(kTickRows),
       visuals_(kVisualRows) {
   filter_.reset(scene.start);
@@ -47,8 +50,9 @@ TickRecord RealtimeLoops::tickAt(std::int64_t k, const DeviceState& device, cons
 
 void RealtimeLoops::stepAt(double now, double lateness, const DeviceState& device) {
   substeps_.store(budget_.substeps(), std::memory_order_relaxed);
-  VisualRecord record = visualStep(scene_.world, aimAt(filter_.accept(device), timing_), scene_.linearization,
-                                   timing_.visual_step, now, last_, budget_.substeps());
+  VisualStepSettings settings = visualSettings(scene_, timing_);
+  settings.substeps = budget_.substeps();
+  VisualRecord record = visualStep(scene_.world, aimAt(filter_.accept(device), timing_), settings, now, last_);
   budget_.took(record.step.times.total() + record.linearization_s);
   last_ = record.model;
   record.lateness_s = lateness;
@@ -142,7 +146,7 @@ void RealtimeLoops::stepOnce() {
 
 void RealtimeLoops::change(Rendering rendering, const RunTiming& timing) {
   timing_ = timing;
-  budget_ = SubstepBudget(timing);
+  budget_ = budgetOf(timing);
   loop_.change(rendering, modelAgeLimit(timing.visual_step, timing.latency));
 }
 

@@ -13,7 +13,28 @@
 #include "palpate/haptics/exchange.h"
 #include "palpate/haptics/realtime.h"
 #include "palpate/haptics/record_queue.h"
-#include "palpate/session/lockstep.h"
+#include "palpate/session/run_record.h"
+#include "palpate/session/run_timing.h"
+#include "palpate/visual/substep_budget.h"
+
+// What runs and what crosses. A LatestValue never makes either side wait: the writer overwrites, the reader takes the
+// newest. A RecordQueue keeps order; when it is full the row is dropped and counted.
+//
+//   +--------------------------------+   DeviceState: LatestValue samples_   +---------------------------------+
+//   | haptic thread, 1 kHz,          | ------------------------------------> | visual thread, about 30 Hz      |
+//   | real-time priority if granted  |                                       | + the owner's Executor's workers|
+//   | owns: HapticLoop, Device       | <------------------------------------ | owns: World, DeviceFilter,      |
+//   |                                |    HandleModel: LatestValue models_   | SubstepBudget                   |
+//   +---------------+----------------+                                       +----------------+----------------+
+//                   |  TickRecord: RecordQueue ticks_                                         |
+//                   |  PeriodicReport: LatestValue reports_                                   |
+//                   |  refused priority: grant_, published by asked_    VisualRecord: RecordQueue visuals_
+//                   |                                       exception of a step: failure_, read after joining
+//                   v                                                                         v
+//   +---------------------------------------------------------------------------------------------------------+
+//   | owner's thread: start(), stop(), pop(), report(); while both threads are joined also stepOnce(), change()|
+//   +---------------------------------------------------------------------------------------------------------+
+//                   |  stop_ (atomic), to both;  haptic_done_, visual_done_ (atomic), back
 
 namespace palpate {
 
@@ -23,6 +44,9 @@ namespace palpate {
 /// left.
 class RealtimeLoops {
  public:
+  /// From start() to the first tick: both threads are up by then, and count from one instant.
+  static constexpr std::chrono::milliseconds kStartDelay{20};
+
   /// Called on the visual loop's thread after each step.
   using Stepped = std::function<void(const World&, const VisualRecord&)>;
 
@@ -98,5 +122,8 @@ class RealtimeLoops {
   std::exception_ptr failure_;
   std::thread haptic_, visual_;
 };
+
+/// Runs a scene in real time, one thread a loop, and the caller's thread for the sink. Stops after the duration.
+RunOutcome runRealtime(BuiltScene& scene, const RunTiming& timing, const RunSink& sink);
 
 }  // namespace palpate

@@ -5,21 +5,11 @@
 #include <vector>
 
 #include "palpate/haptics/haptic_loop.h"
-#include "palpate/linearization/handle_model.h"
-#include "palpate/simulation/world.h"
+#include "palpate/visual/visual_step.h"
 
 namespace palpate {
 
-/// One visual step of a run.
-struct VisualRecord {
-  double time = 0;  ///< at which the step began [s]
-  HandleModel model;
-  StepReport step;
-  double linearization_s = 0;  ///< wall-clock time of linearize()
-  double lateness_s = 0;       ///< real time: how much later than its turn the step began
-};
-
-/// Where the rows of a run go, in order of time; a row may be empty of interest to the receiver.
+/// Who takes the rows of a run, in order of time. Each function may do nothing.
 struct RunSink {
   std::function<void(const TickRecord&)> tick = [](const TickRecord&) {};
   std::function<void(const VisualRecord&)> visual = [](const VisualRecord&) {};

@@ -1,48 +1,33 @@
 #include "palpate/simulation/world.h"
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
-#include <limits>
 #include <numeric>
 #include <optional>
 
 #include "palpate/common/error.h"
 #include "palpate/common/parallel.h"
+#include "palpate/common/scoped_timer.h"
 
 namespace palpate {
-namespace {
 
-class Stopwatch {
- public:
-  /// Seconds since construction or the last call.
-  double lap() {
-    const auto now = std::chrono::steady_clock::now();
-    const std::chrono::duration<double> elapsed = now - last_;
-    last_ = now;
-    return elapsed.count();
-  }
-
- private:
-  std::chrono::steady_clock::time_point last_ = std::chrono::steady_clock::now();
-};
-
-}  // namespace
-
-int World::add(Body body, bool self_contact) {
-  bodies_.push_back(std::make_unique<Body>(std::move(body)));
+int World::add(BodyModel model, bool self_contact) {
+  models_.push_back(std::make_unique<BodyModel>(std::move(model)));
+  const BodyModel& added = *models_.back();
   const int index = bodies() - 1;
-  const Body& added = *bodies_.back();
   if (tool_ < 0 && added.held()) tool_ = index;
   friction_.setBody(index, added.friction());
   surfaces_.addBody(index, added.mesh(), self_contact && !added.isRigid());
+  systems_.push_back(std::make_unique<BodySystem>(added));
+  state_.bodies.push_back(added.startState());
+  state_.surfaces = surfaces_.state();
   return index;
 }
 
-int World::toolRows() const {
+const BodyContactRows* World::toolRows() const {
   const std::vector<int>& moved = contacts().bodies;
   const auto at = std::find(moved.begin(), moved.end(), tool_);
-  return at == moved.end() ? -1 : static_cast<int>(at - moved.begin());
+  return at == moved.end() ? nullptr : &contacts().rows[static_cast<std::size_t>(at - moved.begin())];
 }
 
 // Obstacles are complete once the first step comes.
@@ -55,54 +40,156 @@ void World::prepare() {
       surfaces_.addObstacle(static_cast<int>(i), *surface);
     }
   }
+  state_.surfaces = surfaces_.state();
+}
+
+void World::requireFit(int i, const BodyState& state) const {
+  const BodyModel& model = *models_[i];
+  const auto size = static_cast<Eigen::Index>(3 * model.nodes());
+  const auto known = [&](int n) { return n >= 0 && n < model.nodes() && model.row()[n] >= 0; };
+  const std::vector<int>& last = state.order.last_nodes;
+  if (state.positions.size() != size || state.velocities.size() != size ||
+      state.elastic.rotations.size() != model.elasticity().elements().size() || !(state.elastic.stiffness_scale > 0) ||
+      !std::all_of(last.begin(), last.end(), known)) {
+    throw InputError("state", model.name(), "is not a state of this body");
+  }
+}
+
+void World::restore(const WorldState& state) {
+  prepare();
+  if (state.bodies.size() != state_.bodies.size() ||
+      state.surfaces.may_overlap.size() != state_.surfaces.may_overlap.size()) {
+    throw InputError("state", "bodies", "are not those of this world");
+  }
+  for (int i = 0; i < bodies(); ++i) requireFit(i, state.bodies[i]);
+  state_ = state;
+  surfaces_.restore(state.surfaces);
+  friction_.setScale(state.friction_scale);
+  for (const auto& system : systems_) system->forget();
+}
+
+void World::setBody(int i, const BodyState& state) {
+  requireFit(i, state);
+  state_.bodies[i] = state;
+  systems_[i]->forget();
+  surfaces_.recheckOverlaps();
+}
+
+void World::setHandle(int i, const HandleState& handle) {
+  models_[i]->setHandle(handle, state_.bodies[i]);
+  systems_[i]->forget();
+  surfaces_.recheckOverlaps();
+}
+
+void World::setStiffnessScale(int i, double scale) {
+  if (!(scale > 0) || !std::isfinite(scale)) throw InputError("stiffness scale", "", "must be positive and finite");
+  state_.bodies[i].elastic.stiffness_scale = scale;
+  systems_[i]->forget();
+}
+
+void World::setFrictionScale(double scale) {
+  state_.friction_scale = scale;
+  friction_.setScale(scale);
+}
+
+std::vector<int> World::all() const {
+  std::vector<int> out(models_.size());
+  std::iota(out.begin(), out.end(), 0);
+  return out;
+}
+
+// A body whose system fails stands still at its last good state, and the others touch it there.
+void World::fail(int i, StepReport& report) {
+  state_.bodies[i].clearVelocities();
+  report.status = StepStatus::restored;
 }
 
 // Orders last what contact may touch: nodes that were near something in the last step, and those near planes where the
 // present velocities lead. When some are missing, those a little farther away come too, so that the order then lasts.
-void World::orderContactNodes(int index, double h, std::vector<int>& nearby) {
-  Body& body = *bodies_[index];
-  const double edge = body.contactFinder().edgeLength();
-  const VecX x = body.positions() + h * body.velocities();
+void World::orderContactNodes(int i, double h, std::vector<int>& nearby) {
+  BodySystem& body = *systems_[i];
+  const ContactFinder& finder = models_[i]->contactFinder();
+  const double edge = finder.edgeLength();
+  const VecX x = state_.bodies[i].positions + h * state_.bodies[i].velocities;
   nearby.clear();
-  stage_.touchedNodes(index, body.nodes(), nearby);
-  body.contactFinder().nearbyNodes(x, obstacles, 0.02 * edge, nearby);
+  state_.contacts.touchedNodes(i, models_[i]->nodes(), nearby);
+  finder.nearbyNodes(x, obstacles, 0.02 * edge, nearby);
   if (body.contactNodesFit(nearby)) return;
-  body.contactFinder().nearbyNodes(x, obstacles, 0.08 * edge, nearby);
+  finder.nearbyNodes(x, obstacles, 0.08 * edge, nearby);
   body.orderContactNodes(nearby);
 }
 
-void World::beginBody(int i, const StepInput& input, Begin& begin) {
-  Body& body = *bodies_[i];
-  Stopwatch watch;
+// A and b of one body, their factor, and its motion without contact.
+void World::beginBody(int i, const StepInput& input, BodyBegin& begin) {
+  BodySystem& body = *systems_[i];
   begin.times = {};
-  body.assemble(input);
-  begin.times.assemble = watch.lap();
-  orderContactNodes(i, input.step, begin.nearby);
-  const bool factorized = body.factorize();
-  begin.times.factorize = watch.lap();
-  if (factorized) body.solveFree();
-  begin.times.solve = watch.lap();
-  begin.good = factorized && body.endVelocity().allFinite() && body.endTwist().allFinite();
+  {
+    const ScopedTimer timer(begin.times.assemble);
+    body.assemble(input, state_.bodies[i]);
+  }
+  {
+    const ScopedTimer timer(begin.times.factorize);
+    orderContactNodes(i, input.step, begin.nearby);
+    begin.good = body.factorize();
+  }
+  const ScopedTimer timer(begin.times.solve);
+  if (begin.good) body.solveFree();
+  begin.good = begin.good && body.endIsFinite();
 }
 
-void World::beginBodies(const std::vector<int>& moving, const StepInput& input, StepTimes& times) {
+// The same for all, those that could into moving_. Times are what they took together, shared out by kind of work.
+void World::beginBodies(const std::vector<int>& moving, const StepInput& input, StepReport& report) {
   begin_.resize(std::max(begin_.size(), moving.size()));
   moving_.clear();
-  for (const int i : moving) moving_.push_back(bodies_[i].get());
-  Stopwatch watch;
-  forEachBody(moving_, [&](int k) { beginBody(moving[k], input, begin_[k]); });
-  // what they took together, by what each kind of work took
-  const double elapsed = watch.lap();
+  for (const int i : moving) moving_.add(i, *systems_[i]);
+  double elapsed = 0;
+  {
+    const ScopedTimer timer(elapsed);
+    moving_.forEach([&](int k) { beginBody(moving[k], input, begin_[k]); });
+  }
   StepTimes sum;
+  moving_.clear();
   for (std::size_t k = 0; k < moving.size(); ++k) {
-    sum.assemble += begin_[k].times.assemble;
-    sum.factorize += begin_[k].times.factorize;
-    sum.solve += begin_[k].times.solve;
+    sum += begin_[k].times;
+    if (begin_[k].good) {
+      moving_.add(moving[k], *systems_[moving[k]]);
+    } else {
+      fail(moving[k], report);
+    }
   }
   const double share = sum.total() > 0 ? elapsed / sum.total() : 0.0;
-  times.assemble += share * sum.assemble;
-  times.factorize += share * sum.factorize;
-  times.solve += share * sum.solve;
+  report.times.assemble += share * sum.assemble;
+  report.times.factorize += share * sum.factorize;
+  report.times.solve += share * sum.solve;
+}
+
+// Contact impulses of the bodies in moving_, and their end velocities.
+bool World::solveContacts(StepReport& report) {
+  const ScopedTimer timer(report.times.contact);
+  if (surfaces_.active()) {
+    for (int i = 0; i < bodies(); ++i) surfaces_.setStart(i, state_.bodies[i].positions);
+    surfaces_.examineOverlaps();
+  }
+  bool good = stage_.solve(moving_, {obstacles, surfaces_, friction_, contact}, state_.contacts);
+  for (int k = 0; k < moving_.size(); ++k) good = good && moving_[k].endIsFinite();
+  if (good) reportContacts(report);
+  return good;
+}
+
+// The bodies in moving_ to the end of the step, or as far on the way as nothing crosses.
+bool World::advance(StepReport& report) {
+  {
+    const ScopedTimer timer(report.times.contact);
+    stage_.limitMotion(moving_, {obstacles, surfaces_, friction_, contact}, share_);
+    report.penetration = stage_.result().penetration;
+  }
+  const ScopedTimer timer(report.times.advance);
+  bool good = true;
+  for (int k = 0; k < moving_.size(); ++k) {
+    report.motion_share = std::min(report.motion_share, share_[k]);
+    good = moving_[k].advance(share_[k]) && good;
+  }
+  return good;
 }
 
 void World::reportContacts(StepReport& report) const {
@@ -119,62 +206,49 @@ void World::reportContacts(StepReport& report) const {
   if (!set.solver.converged && report.status == StepStatus::ok) report.status = StepStatus::contact_not_converged;
 }
 
-// The paper's step 1: form A and b, factorize, move freely, body by body; then the contacts of all. Its steps 2 to 6
-// are linearize(). A body whose system fails stands still at its last good state, and the others touch it there.
-StepReport World::stepBodies(const std::vector<int>& moving, const StepInput& input, bool advance) {
+// A v = b + J^T lambda,  J v >= b_lambda,  complementarity and friction (paper, eq. 2): the bodies' systems and free
+// motion first, then the contacts of all, then the motion.
+StepReport World::stepBodies(const std::vector<int>& moving, const StepInput& input, Advance how) {
   prepare();
   if (Executor* executor = Executor::current()) executor->wake();
   StepReport report;
-  const auto fail = [&](Body& body) {
-    body.clearVelocities();
-    report.status = StepStatus::restored;
-  };
-  beginBodies(moving, input, report.times);
-  moving_.clear();
-  moving_indices_.clear();
-  for (std::size_t k = 0; k < moving.size(); ++k) {
-    if (begin_[k].good) {
-      moving_.push_back(bodies_[moving[k]].get());
-      moving_indices_.push_back(moving[k]);
-    } else {
-      fail(*bodies_[moving[k]]);
-    }
-  }
-  Stopwatch watch;
-  int restorations = 0;
-  for (const auto& b : bodies_) restorations += b->restorations();
-  if (restorations != restorations_) surfaces_.distrust();
-  restorations_ = restorations;
-  if (surfaces_.active()) {
-    for (int i = 0; i < bodies(); ++i) surfaces_.setStart(i, bodies_[i]->positions());
-    surfaces_.examineOverlaps();
-  }
-  const ContactInput contacts{obstacles, surfaces_, friction_, contact};
-  bool good = stage_.solve(moving_, moving_indices_, contacts);
-  for (const Body* b : moving_) good = good && b->endVelocity().allFinite() && b->endTwist().allFinite();
-  if (good) reportContacts(report);
-  report.times.contact += watch.lap();
-  if (good && advance) {
-    stage_.limitMotion(moving_, moving_indices_, contacts, share_);
-    report.penetration = stage_.result().penetration;
-    report.times.contact += watch.lap();
-    for (std::size_t b = 0; b < moving_.size(); ++b) {
-      report.motion_share = std::min(report.motion_share, share_[b]);
-      good = moving_[b]->advance(share_[b]) && good;
-    }
-  }
+  beginBodies(moving, input, report);
+  bool good = solveContacts(report);
+  if (good && how == Advance::yes) good = advance(report);
   if (!good) {
-    for (Body* b : moving_) fail(*b);
-    stage_.forget();
+    for (int k = 0; k < moving_.size(); ++k) fail(moving_.index(k), report);
+    state_.contacts.clear();
   }
-  report.times.advance += watch.lap();
+  state_.surfaces = surfaces_.state();
   return report;
+}
+
+StepReport World::stepAll(const DeviceTarget& device, double h, Advance how) {
+  StepReport report = stepBodies(all(), {h, gravity, saturatedLink(device), device}, how);
+  addEnergies(report);
+  return report;
+}
+
+StepReport World::step(const DeviceTarget& device, double h) { return stepAll(device, h, Advance::yes); }
+
+StepReport World::evaluate(const DeviceTarget& device, double h) { return stepAll(device, h, Advance::no); }
+
+void World::addEnergies(StepReport& report) {
+  const ScopedTimer timer(report.times.advance);
+  moving_.clear();
+  for (int i = 0; i < bodies(); ++i) moving_.add(i, *systems_[i]);
+  elastic_.resize(models_.size());
+  moving_.forEach([&](int i) { elastic_[i] = systems_[i]->elasticEnergy(state_.bodies[i]); });
+  for (int i = 0; i < bodies(); ++i) {
+    report.kinetic_energy += models_[i]->kineticEnergy(state_.bodies[i]);
+    report.elastic_energy += elastic_[i];
+  }
 }
 
 LinkParameters World::saturatedLink(const DeviceTarget& device) const {
   LinkParameters out = link;
   if (!hasTool()) return out;
-  const Handle& handle = tool().handle();
+  const HandleState& handle = tool().state.handle;
   const Vec6 wrench = linkWrenchOnDevice(link, handle.pose, handle.twist, device.pose, device.twist);
   const double force = std::min(1.0, link_force_limit / wrench.head<3>().norm());
   const double torque = std::min(1.0, link_torque_limit / wrench.tail<3>().norm());
@@ -189,75 +263,14 @@ LinkParameters World::saturatedLink(const DeviceTarget& device) const {
   return out;
 }
 
-StepReport World::stepAll(const DeviceTarget& device, double h, bool advance) {
-  all_.resize(bodies_.size());
-  std::iota(all_.begin(), all_.end(), 0);
-  StepReport report = stepBodies(all_, {h, gravity, saturatedLink(device), device}, advance);
-  Stopwatch watch;
-  moving_.clear();
-  for (const auto& body : bodies_) moving_.push_back(body.get());
-  elastic_.resize(bodies_.size());
-  forEachBody(moving_, [&](int b) { elastic_[b] = moving_[b]->elasticEnergy(); });
-  for (int b = 0; b < bodies(); ++b) {
-    report.kinetic_energy += bodies_[b]->kineticEnergy();
-    report.elastic_energy += elastic_[b];
-  }
-  report.times.advance += watch.lap();
-  return report;
-}
-
-StepReport World::step(const DeviceTarget& device, double h) { return stepAll(device, h, true); }
-
-StepReport World::evaluate(const DeviceTarget& device, double h) { return stepAll(device, h, false); }
-
-double World::settle(const std::vector<int>& moving, const Pose& device) {
-  // Backward Euler with growing steps from rest is a damped Newton iteration on the static problem.
-  constexpr int kMaxSteps = 3000;
-  constexpr double kTolerance = 1e-12;  // displacement of a step, relative to the bodies' mean edge
-  // in contact the solver's tolerance, times so long a step, is a floor that displacements do not fall below
-  constexpr double kContactFloor = 1e-6;
-  constexpr int kPatience = 5;  // steps without a smaller displacement
-  // nobody holds a free body: its rigid motions meet only its mass, which a long step makes small beside h^2 K
-  double longest_step = 2.0;
-  double scale = std::numeric_limits<double>::infinity();
-  std::string names;
-  for (const int i : moving) {
-    if (!bodies_[i]->held()) longest_step = 0.05;
-    scale = std::min(scale, bodies_[i]->contactFinder().edgeLength());
-    names += (names.empty() ? "" : ", ") + bodies_[i]->name();
-  }
-  double h = 0.02;
+// Of the last step, of a free node's coordinate or a handle's twist [m/s; rad/s].
+double World::largestSpeed(const std::vector<int>& of) const {
   double speed = 0;
-  double previous = 0;
-  double best = std::numeric_limits<double>::infinity();
-  int stale = 0;
-  for (int n = 0; n < kMaxSteps; ++n) {
-    for (const int i : moving) bodies_[i]->clearVelocities();
-    if (stepBodies(moving, {h, gravity, link, {device, Vec6::Zero()}}, true).status == StepStatus::restored) {
-      throw RunError(names + ": no static equilibrium: the system is not positive definite or not finite");
-    }
-    speed = 0;
-    for (const int i : moving) {
-      const Body& b = *bodies_[i];
-      if (b.endVelocity().size() > 0) speed = std::max(speed, b.endVelocity().cwiseAbs().maxCoeff());
-      speed = std::max(speed, b.endTwist().cwiseAbs().maxCoeff());
-    }
-    const double displacement = speed * h / scale;
-    stale = displacement < best ? 0 : stale + 1;
-    best = std::min(best, displacement);
-    const bool floor_reached = displacement < kContactFloor && stale >= kPatience;
-    if (h >= longest_step && (displacement < kTolerance || floor_reached)) break;
-    // a jump of the displacement says that the step was too long for the nonlinearity
-    h = displacement > 0.3 || (n > 0 && displacement > 4.0 * previous && displacement > 1e-3)
-            ? std::max(0.5 * h, 1e-3)
-            : std::min(1.3 * h, longest_step);
-    previous = displacement;
-    if (n + 1 == kMaxSteps && displacement > 1e-6) {
-      throw RunError(names + ": no static equilibrium at the start within " + std::to_string(kMaxSteps) +
-                     " steps: does anything hold it?");
-    }
+  for (const int i : of) {
+    const BodySystem& b = *systems_[i];
+    if (b.endVelocity().size() > 0) speed = std::max(speed, b.endVelocity().cwiseAbs().maxCoeff());
+    speed = std::max(speed, b.endTwist().cwiseAbs().maxCoeff());
   }
-  for (const int i : moving) bodies_[i]->clearVelocities();
   return speed;
 }
 

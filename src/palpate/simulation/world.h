@@ -7,43 +7,24 @@
 
 #include "palpate/contact/obstacle.h"
 #include "palpate/contact/surface_contacts.h"
-#include "palpate/simulation/body.h"
+#include "palpate/simulation/body_model.h"
+#include "palpate/simulation/body_system.h"
 #include "palpate/simulation/contact_stage.h"
+#include "palpate/simulation/moving_bodies.h"
+#include "palpate/simulation/step_report.h"
+#include "palpate/simulation/world_state.h"
 
 namespace palpate {
 
-/// Wall-clock parts of a visual step [s].
-struct StepTimes {
-  double assemble = 0;   ///< element rotations, forces, matrices
-  double factorize = 0;  ///< ordering where renewed, numeric factorization
-  double solve = 0;      ///< free motion, handle's Schur complement
-  double contact = 0;    ///< finding, reducing, Delassus operator, contact solver, passes
-  double advance = 0;
-  double total() const { return assemble + factorize + solve + contact + advance; }
+/// One body of a world: what it was built as, how it stands, the system of its last step.
+struct Body {
+  const BodyModel& model;
+  const BodyState& state;
+  BodySystem& system;
 };
 
-enum class StepStatus {
-  ok,
-  contact_not_converged,  ///< the step counts; the residual says how far off it is
-  restored,               ///< the step failed (not positive definite, not finite): last good state, at rest
-};
-
-/// What one step did.
-struct StepReport {
-  StepStatus status = StepStatus::ok;
-  StepTimes times;
-  int contacts_found = 0;  ///< surface vertices within reach, before reduction
-  int contacts = 0;        ///< after reduction
-  int active = 0, sticking = 0, sliding = 0;
-  int solver_iterations = 0;
-  double solver_residual = 0;  ///< [m/s]
-  int passes = 0;
-  double penetration = 0;                         ///< deepest surface point in another solid at the end of the step [m]
-  double motion_share = 1;                        ///< least share of its motion that a body was let go without crossing
-  double kinetic_energy = 0, elastic_energy = 0;  ///< [J], at the end
-};
-
-/// All bodies and obstacles of a scene, and the visual step. Knows no files, devices, threads or clocks.
+/// All bodies and obstacles of a scene, and the visual step. Model and settings are public or fixed by add(); what moves
+/// is in state(); the rest is scratch. Knows no files, devices, threads or clocks.
 class World {
  public:
   Vec3 gravity{0, 0, -9.81};
@@ -58,15 +39,31 @@ class World {
 
   /// @param self_contact  whether the body's surface touches itself
   /// @returns the body's index. The first body that holds a handle is the tool.
-  int add(Body body, bool self_contact = false);
-  Body& body(int i) { return *bodies_[i]; }
-  const Body& body(int i) const { return *bodies_[i]; }
-  int bodies() const { return static_cast<int>(bodies_.size()); }
-  Body& tool() { return *bodies_[tool_]; }
-  const Body& tool() const { return *bodies_[tool_]; }
+  int add(BodyModel model, bool self_contact = false);
+  Body body(int i) const { return {*models_[i], state_.bodies[i], *systems_[i]}; }
+  int bodies() const { return static_cast<int>(models_.size()); }
+  Body tool() const { return body(tool_); }
+  int toolIndex() const { return tool_; }
   bool hasTool() const { return tool_ >= 0; }
 
-  /// One visual step of length h (paper, section 3.4, step 1).
+  // --- state
+  const WorldState& state() const { return state_; }
+  /// Takes a state saved earlier, of this world or of another one built from the same scene: what follows is the same
+  /// to the bit.
+  /// @throws InputError if it does not fit this world's bodies
+  void restore(const WorldState& state);
+  /// Puts one body elsewhere. What the last step knew of contacts stays; overlaps are looked for anew.
+  /// @throws InputError if the state does not fit the body
+  void setBody(int i, const BodyState& state);
+  /// Gives a framed body's handle a pose and a twist, and its nodes with it.
+  void setHandle(int i, const HandleState& handle);
+  void clearVelocities(int i) { state_.bodies[i].clearVelocities(); }
+  /// Makes a body's material stiffer by a factor > 0 against its model.
+  void setStiffnessScale(int i, double scale);
+  /// Multiplies all coefficients of friction; 1 at first.
+  void setFrictionScale(double scale);
+
+  /// One visual step of length h: the paper's step 1 (section 3.4), the constrained dynamics of eq. (2).
   [[nodiscard]] StepReport step(const DeviceTarget& device, double h);
   /// As step(), but positions and velocities stay as they were: for a model at the present state. Only a step that
   /// fails brings its body to rest.
@@ -78,40 +75,48 @@ class World {
 
   /// Contacts of the last step, of all bodies that moved.
   const ContactSet& contacts() const { return stage_.result(); }
-  /// Row of the tool's part in contacts().rows; -1: the tool did not move.
-  int toolRows() const;
-  int toolIndex() const { return tool_; }
+  /// The tool's part of them; null: it did not move.
+  const BodyContactRows* toolRows() const;
 
   /// Friction of pairs. Obstacles' and bodies' own coefficients are entered by add().
   void setFriction(int first, int second, double coefficient) { friction_.setPair(first, second, coefficient); }
-  /// Multiplies all coefficients of friction, between two steps; 1 at first.
-  void setFrictionScale(double scale) { friction_.setScale(scale); }
 
  private:
-  void prepare();
-  LinkParameters saturatedLink(const DeviceTarget& device) const;
-  struct Begin {  // of a body's step
+  enum class Advance { yes, no };
+  struct BodyBegin {  // of a body's step
     bool good = false;
     StepTimes times;
     std::vector<int> nearby;
   };
-  void orderContactNodes(int body, double h, std::vector<int>& nearby);
-  void beginBody(int i, const StepInput& input, Begin& begin);
-  void beginBodies(const std::vector<int>& moving, const StepInput& input, StepTimes& times);
+  void prepare();
+  LinkParameters saturatedLink(const DeviceTarget& device) const;
+  std::vector<int> all() const;
+  void requireFit(int i, const BodyState& state) const;
+  StepReport stepAll(const DeviceTarget& device, double h, Advance advance);
+  StepReport stepBodies(const std::vector<int>& moving, const StepInput& input, Advance advance);
+  void beginBodies(const std::vector<int>& moving, const StepInput& input, StepReport& report);
+  void beginBody(int i, const StepInput& input, BodyBegin& begin);
+  void orderContactNodes(int i, double h, std::vector<int>& nearby);
+  bool solveContacts(StepReport& report);
+  bool advance(StepReport& report);
+  void fail(int i, StepReport& report);
+  void addEnergies(StepReport& report);
   void reportContacts(StepReport& report) const;
-  StepReport stepAll(const DeviceTarget& device, double h, bool advance);
-  StepReport stepBodies(const std::vector<int>& moving, const StepInput& input, bool advance);
+  double largestSpeed(const std::vector<int>& of) const;
 
-  std::vector<std::unique_ptr<Body>> bodies_;
-  ContactStage stage_;
-  SurfaceContacts surfaces_;
+  // model
+  std::vector<std::unique_ptr<BodyModel>> models_;
   FrictionTable friction_;
-  bool prepared_ = false;
-  int restorations_ = 0;  // of all bodies, at the last step
   int tool_ = -1;
-  std::vector<Body*> moving_;
-  std::vector<int> moving_indices_, all_;
-  std::vector<Begin> begin_;
+  bool prepared_ = false;
+  // state
+  WorldState state_;
+  // workspace
+  std::vector<std::unique_ptr<BodySystem>> systems_;
+  SurfaceContacts surfaces_;
+  ContactStage stage_;
+  MovingBodies moving_;
+  std::vector<BodyBegin> begin_;
   std::vector<double> share_, elastic_;
 };
 

@@ -39,21 +39,20 @@ Mat12 referenceStiffness(const ElasticElement& e) {
 /// frame if it has one.
 class SlowBody {
  public:
-  explicit SlowBody(const Body& body) : body_(body) {
-    for (const ElasticElement& e : body.elasticity().elements()) {
-      stiffness_.push_back(referenceStiffness(e));
-      rotation_.push_back(e.rotation);
+  explicit SlowBody(const Body& body) : body_(body), rotation_(body.state.elastic.rotations) {
+    for (const ElasticElement& e : body.model.elasticity().elements()) {
+      stiffness_.push_back(body.state.elastic.stiffness_scale * referenceStiffness(e));
     }
   }
 
-  int unknowns() const { return frameColumn() + (body_.framed() ? 6 : 0); }
-  Pose startPose() const { return body_.framed() ? body_.startPose() : Pose{}; }
+  int unknowns() const { return frameColumn() + (body_.model.framed() ? 6 : 0); }
+  Pose startPose() const { return body_.model.framed() ? body_.system.startPose() : Pose{}; }
 
   /// Positions at the start of the step for a frame that starts elsewhere.
   VecX positions(const Pose& pose) const {
-    VecX x = body_.startPositions();
-    if (!body_.framed()) return x;
-    const Handle& frame = body_.handle();
+    VecX x = body_.system.startPositions();
+    if (!body_.model.framed()) return x;
+    const Handle& frame = body_.model.handle();
     for (std::size_t k = 0; k < frame.nodes.size(); ++k)
       x.segment<3>(3 * frame.nodes[k]) = pose.apply(frame.offsets[k]);
     return x;
@@ -61,18 +60,18 @@ class SlowBody {
 
   void turnElements(const VecX& x) {
     for (std::size_t e = 0; e < rotation_.size(); ++e) {
-      const ElasticElement& element = body_.elasticity().elements()[e];
-      rotation_[e] = polarRotation(element.deformationGradient(x), element.rotation);
+      const ElasticElement& element = body_.model.elasticity().elements()[e];
+      rotation_[e] = polarRotation(element.deformationGradient(x), body_.state.elastic.rotations[e]);
     }
   }
 
   VecX elasticForces(const VecX& x) const {
     VecX f = VecX::Zero(x.size());
     for (std::size_t e = 0; e < stiffness_.size(); ++e) {
-      const auto& node = body_.elasticity().elements()[e].node;
+      const auto& node = body_.model.elasticity().elements()[e].node;
       Vec12 d;
       for (int k = 0; k < 4; ++k) {
-        d.segment<3>(3 * k) = rotation_[e].transpose() * x.segment<3>(3 * node[k]) - body_.mesh().mesh.nodes[node[k]];
+        d.segment<3>(3 * k) = rotation_[e].transpose() * x.segment<3>(3 * node[k]) - body_.model.mesh().mesh.nodes[node[k]];
       }
       const Vec12 local = stiffness_[e] * d;
       for (int k = 0; k < 4; ++k) f.segment<3>(3 * node[k]) -= rotation_[e] * local.segment<3>(3 * k);
@@ -81,17 +80,17 @@ class SlowBody {
   }
 
   void buildSystem(const Pose& pose) {
-    const double h = body_.input().step;
-    const Material& material = body_.elasticity().material();
+    const double h = body_.system.input().step;
+    const Material& material = body_.model.elasticity().material();
     std::vector<Eigen::Triplet<double>> entries;
     Mat6 frame = Mat6::Zero();
     for (std::size_t e = 0; e < stiffness_.size(); ++e) addElement(e, pose, entries, frame);
-    for (int i = 0; i < body_.nodes(); ++i) {
-      if (body_.row()[i] < 0) continue;
-      addBlock(entries, 3 * body_.row()[i], 3 * body_.row()[i],
-               Mat3((1 + h * material.damping_alpha) * body_.elasticity().mass()[i] * Mat3::Identity()));
+    for (int i = 0; i < body_.model.nodes(); ++i) {
+      if (body_.model.row()[i] < 0) continue;
+      addBlock(entries, 3 * body_.model.row()[i], 3 * body_.model.row()[i],
+               Mat3((1 + h * material.damping_alpha) * body_.model.elasticity().mass()[i] * Mat3::Identity()));
     }
-    if (body_.framed()) {
+    if (body_.model.framed()) {
       addFrame(pose, frame);
       addBlock(entries, frameColumn(), frameColumn(), MatX(frame));
     }
@@ -105,25 +104,25 @@ class SlowBody {
   MatX solve(const MatX& right) const { return solver_.solve(right); }
 
   VecX rightHandSide(const Pose& pose, const Vec6& twist, const VecX& f) const {
-    const StepInput& in = body_.input();
+    const StepInput& in = body_.system.input();
     const double h = in.step;
     VecX b(unknowns());
     Vec6 wrench = Vec6::Zero();
-    for (int i = 0; i < body_.nodes(); ++i) {
-      const double m = body_.elasticity().mass()[i];
-      if (body_.row()[i] >= 0) {
-        b.segment<3>(3 * body_.row()[i]) =
-            m * body_.startVelocities().segment<3>(3 * i) + h * (f.segment<3>(3 * i) + m * in.gravity);
+    for (int i = 0; i < body_.model.nodes(); ++i) {
+      const double m = body_.model.elasticity().mass()[i];
+      if (body_.model.row()[i] >= 0) {
+        b.segment<3>(3 * body_.model.row()[i]) =
+            m * body_.system.startVelocities().segment<3>(3 * i) + h * (f.segment<3>(3 * i) + m * in.gravity);
       } else {  // with the weight's lever arms, node by node
         const Vec3 force = f.segment<3>(3 * i) + m * in.gravity;
         wrench.head<3>() += force;
-        wrench.tail<3>() += (pose.rotation * body_.handle().offsets[body_.attachedIndex()[i]]).cross(force);
+        wrench.tail<3>() += (pose.rotation * body_.model.handle().offsets[body_.model.attachedIndex()[i]]).cross(force);
       }
     }
-    if (!body_.framed()) return b;
-    const Handle& frame = body_.handle();
+    if (!body_.model.framed()) return b;
+    const Handle& frame = body_.model.handle();
     wrench.head<3>() += (frame.mass - frame.attached_mass) * in.gravity;
-    if (body_.held()) {
+    if (body_.model.held()) {
       wrench -= linkWrenchOnDevice(in.link, pose, Vec6::Zero(), in.device.pose, in.device.twist);
     }
     const Mat3 live = pose.matrix() * frame.inertia * pose.matrix().transpose();
@@ -144,7 +143,7 @@ class SlowBody {
       for (const auto& [point, sign] : {std::pair(&c.first, 1.0), std::pair(&c.second, -1.0)}) {
         if (point->body != self) continue;
         for (int k = 0; k < point->count; ++k) {
-          const int row = body_.row()[point->node[k]];
+          const int row = body_.model.row()[point->node[k]];
           const MatX block = row >= 0 ? MatX(Mat3::Identity()) : MatX(jacobian(point->node[k], pose));
           j.block(static_cast<Eigen::Index>(3 * i), row >= 0 ? 3 * row : frameColumn(), 3, block.cols()) +=
               sign * point->weight[k] * c.frame() * block;
@@ -156,21 +155,21 @@ class SlowBody {
 
   /// Coupling wrench of the handle.
   Vec6 wrench(const Pose& pose, const VecX& f, const VecX& v) const {
-    const double time = body_.input().step + body_.elasticity().material().damping_beta;
+    const double time = body_.system.input().step + body_.model.elasticity().material().damping_beta;
     VecX end = f;
     const Vec6 u = v.tail<6>();
     for (std::size_t e = 0; e < stiffness_.size(); ++e) {
-      const auto& node = body_.elasticity().elements()[e].node;
+      const auto& node = body_.model.elasticity().elements()[e].node;
       Vec12 velocity;
       for (int k = 0; k < 4; ++k) {
-        const int row = body_.row()[node[k]];
+        const int row = body_.model.row()[node[k]];
         velocity.segment<3>(3 * k) = row >= 0 ? Vec3(v.segment<3>(3 * row)) : Vec3(jacobian(node[k], system_pose_) * u);
       }
       const Vec12 force = -time * (rotatedStiffness(e) * velocity);
       for (int k = 0; k < 4; ++k) end.segment<3>(3 * node[k]) += force.segment<3>(3 * k);
     }
     Vec6 out = Vec6::Zero();
-    const Handle& handle = body_.handle();
+    const Handle& handle = body_.model.handle();
     for (std::size_t k = 0; k < handle.nodes.size(); ++k) {
       const Vec3 force = end.segment<3>(3 * handle.nodes[k]);
       out.head<3>() += force;
@@ -180,13 +179,13 @@ class SlowBody {
   }
 
  private:
-  int frameColumn() const { return 3 * body_.freeNodes(); }
+  int frameColumn() const { return 3 * body_.model.freeNodes(); }
 
   // G of node n for a rotation of the frame: dv = [I, -[R r]x] u
   Eigen::Matrix<double, 3, 6> jacobian(int n, const Pose& pose) const {
     Eigen::Matrix<double, 3, 6> g;
     g.leftCols<3>().setIdentity();
-    g.rightCols<3>() = -skew(pose.rotation * body_.handle().offsets[body_.attachedIndex()[n]]);
+    g.rightCols<3>() = -skew(pose.rotation * body_.model.handle().offsets[body_.model.attachedIndex()[n]]);
     return g;
   }
 
@@ -197,12 +196,12 @@ class SlowBody {
   }
 
   void addElement(std::size_t e, const Pose& pose, std::vector<Eigen::Triplet<double>>& entries, Mat6& frame) const {
-    const auto& node = body_.elasticity().elements()[e].node;
-    const Mat12 k = body_.stiffnessScale() * rotatedStiffness(e);
+    const auto& node = body_.model.elasticity().elements()[e].node;
+    const Mat12 k = body_.system.stiffnessScale() * rotatedStiffness(e);
     for (int i = 0; i < 4; ++i) {
       for (int j = 0; j < 4; ++j) {
-        const int ri = body_.row()[node[i]];
-        const int rj = body_.row()[node[j]];
+        const int ri = body_.model.row()[node[i]];
+        const int rj = body_.model.row()[node[j]];
         const Mat3 block = k.block<3, 3>(3 * i, 3 * j);
         if (ri >= 0 && rj >= 0) {
           addBlock(entries, 3 * ri, 3 * rj, block);
@@ -218,15 +217,15 @@ class SlowBody {
   }
 
   void addFrame(const Pose& pose, Mat6& frame) {
-    const Handle& handle = body_.handle();
-    const double h = body_.input().step;
-    const double drag = h * body_.elasticity().material().damping_alpha;
+    const Handle& handle = body_.model.handle();
+    const double h = body_.system.input().step;
+    const double drag = h * body_.model.elasticity().material().damping_alpha;
     const Mat3 r = pose.matrix();
     frame.topLeftCorner<3, 3>() += (handle.mass + drag * handle.attached_mass) * Mat3::Identity();
     frame.bottomRightCorner<3, 3>() += r * (handle.inertia + drag * handle.attached_inertia) * r.transpose();
-    if (body_.held()) {
-      const LinkParameters& link = body_.input().link;
-      const Mat3 jl = leftJacobianInverse(logRotation(pose.rotation * body_.input().device.pose.rotation.conjugate()));
+    if (body_.model.held()) {
+      const LinkParameters& link = body_.system.input().link;
+      const Mat3 jl = leftJacobianInverse(logRotation(pose.rotation * body_.system.input().device.pose.rotation.conjugate()));
       frame.topLeftCorner<3, 3>() += (h * link.damping + h * h * link.stiffness) * Mat3::Identity();
       frame.bottomRightCorner<3, 3>() += h * link.rotational_damping * Mat3::Identity() +
                                          0.5 * h * h * link.rotational_stiffness * (jl + jl.transpose());
@@ -241,7 +240,7 @@ class SlowBody {
     }
   }
 
-  const Body& body_;
+  const Body body_;
   std::vector<Mat12> stiffness_;
   std::vector<Mat3> rotation_;
   Eigen::SimplicialLDLT<Sparse> solver_;
@@ -254,17 +253,18 @@ class SlowStep {
  public:
   SlowStep(const World& world, bool frozen)
       : world_(world), tool_(world.tool()), set_(carrying(world.contacts())), frozen_(frozen), slow_tool_(tool_) {
-    slow_tool_.buildSystem(tool_.startPose());
+    slow_tool_.buildSystem(tool_.system.startPose());
     const auto rows = static_cast<Eigen::Index>(3 * set_.contacts.size());
     other_delassus_.setZero(rows, rows);
     other_free_.setZero(rows);
     for (const int index : set_.bodies) {
       if (index == world.toolIndex() || rows == 0) continue;
-      SlowBody other(world.body(index));
+      const Body body = world.body(index);
+      SlowBody other(body);
       const Pose pose = other.startPose();
       other.buildSystem(pose);
       const VecX f = other.elasticForces(other.positions(pose));
-      const Vec6 twist = world.body(index).framed() ? world.body(index).startTwist() : Vec6::Zero();
+      const Vec6 twist = body.model.framed() ? body.system.startTwist() : Vec6::Zero();
       const MatX j = other.contactRows(set_, index, pose);
       other_delassus_ += j * other.solve(j.transpose());
       other_free_ += j * other.solve(other.rightHandSide(pose, twist, f));
@@ -282,11 +282,11 @@ class SlowStep {
     VecX v = slow_tool_.solve(slow_tool_.rightHandSide(pose, twist, f));
     Vec6 contact = Vec6::Zero();
     if (!set_.contacts.empty()) {
-      const MatX j = slow_tool_.contactRows(set_, world_.toolIndex(), frozen_ ? tool_.startPose() : pose);
+      const MatX j = slow_tool_.contactRows(set_, world_.toolIndex(), frozen_ ? tool_.system.startPose() : pose);
       const MatX response = slow_tool_.solve(j.transpose());
       const VecX lambda = solveStates(j * response + other_delassus_, j * v + other_free_, gaps(x));
       v += response * lambda;
-      contact = j.rightCols<6>().transpose() * lambda / tool_.input().step;
+      contact = j.rightCols<6>().transpose() * lambda / tool_.system.input().step;
     }
     return slow_tool_.wrench(pose, f, v) + contact;
   }
@@ -317,7 +317,7 @@ class SlowStep {
       for (const auto& [point, sign] : {std::pair(&c.first, 1.0), std::pair(&c.second, -1.0)}) {
         if (point->body != world_.toolIndex()) continue;
         for (int k = 0; k < point->count; ++k) {
-          const Vec3 moved = x.segment<3>(3 * point->node[k]) - tool_.startPositions().segment<3>(3 * point->node[k]);
+          const Vec3 moved = x.segment<3>(3 * point->node[k]) - tool_.system.startPositions().segment<3>(3 * point->node[k]);
           gap += sign * point->weight[k] * c.normal.dot(moved);
         }
       }
@@ -327,7 +327,7 @@ class SlowStep {
 
   // Newton on the equalities that the contacts' states say; linear but for sliding on the exact cone.
   VecX solveStates(const MatX& w, const VecX& free, const VecX& gap) {
-    const double h = tool_.input().step;
+    const double h = tool_.system.input().step;
     const int facets = world_.contact.cone.facets;
     VecX lambda = set_.impulse;
     const Eigen::Index rows = lambda.size();
@@ -386,7 +386,7 @@ class SlowStep {
   }
 
   const World& world_;
-  const Body& tool_;
+  const Body tool_;
   ContactSet set_;  // those that carry force
   bool frozen_;
   SlowBody slow_tool_;
@@ -416,15 +416,15 @@ Vec6 centralDifference(const Force& force, double d) {
 }
 
 void centralDifferences(SlowStep& step, const World& world, double length, Mat6& kx, Mat6& kv) {
-  const Body& tool = world.tool();
+  const Body tool = world.tool();
   const double speed = std::min(1e-3, std::max(1e-2 * slowestSlip(world.contacts()), 1e-7));
-  const double angle = std::min(1e-5, speed * tool.input().step / length);
+  const double angle = std::min(1e-5, speed * tool.system.input().step / length);
   for (int k = 0; k < 6; ++k) {
     const Vec6 along = Vec6::Unit(k) * (k < 3 ? 1.0 : 1.0 / length);
     kx.col(k) = centralDifference(
-        [&](double d) { return step.force(advance(tool.startPose(), d * along), tool.startTwist()); }, angle * length);
+        [&](double d) { return step.force(advance(tool.system.startPose(), d * along), tool.system.startTwist()); }, angle * length);
     kv.col(k) =
-        centralDifference([&](double d) { return step.force(tool.startPose(), tool.startTwist() + d * along); }, speed);
+        centralDifference([&](double d) { return step.force(tool.system.startPose(), tool.system.startTwist() + d * along); }, speed);
     if (k < 3) continue;
     kx.col(k) *= length;
     kv.col(k) *= length;
@@ -434,7 +434,7 @@ void centralDifferences(SlowStep& step, const World& world, double length, Mat6&
 double halfDiagonal(const Body& tool) {
   Vec3 low = Vec3::Constant(1e300);
   Vec3 high = Vec3::Constant(-1e300);
-  for (const Vec3& p : tool.mesh().surface.vertices) {
+  for (const Vec3& p : tool.model.mesh().surface.vertices) {
     low = low.cwiseMin(p);
     high = high.cwiseMax(p);
   }
@@ -466,7 +466,7 @@ BlockErrors compareBlocks(const Mat6& model, const Mat6& reference, double lengt
 LinearizationCheck checkLinearization(World& world, const DeviceTarget& device, double h,
                                       const LinearizationSettings& settings) {
   if (world.evaluate(device, h).status == StepStatus::restored) throw RunError("check: the step failed");
-  const Body& tool = world.tool();
+  const Body tool = world.tool();
   const ContactSet& set = world.contacts();
   const HandleModel model = linearize(world, settings, 0.0);
   const double length = halfDiagonal(tool);
@@ -479,7 +479,7 @@ LinearizationCheck checkLinearization(World& world, const DeviceTarget& device, 
   centralDifferences(frozen, world, length, kx, kv);
   out.kx_frozen = compareBlocks(model.kx, kx, length);
   out.kv_frozen = compareBlocks(model.kv, kv, length);
-  const Vec6 force = frozen.force(tool.startPose(), tool.startTwist());
+  const Vec6 force = frozen.force(tool.system.startPose(), tool.system.startTwist());
   out.force_error = (force - model.force).norm() / std::max(force.norm(), 1e-12);
   SlowStep full(world, false);
   centralDifferences(full, world, length, kx, kv);

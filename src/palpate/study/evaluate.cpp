@@ -17,6 +17,7 @@
 #include "palpate/scene/overrides.h"
 #include "palpate/scene/text.h"
 #include "palpate/session/lockstep.h"
+#include "palpate/visual/visual_step.h"
 
 namespace palpate {
 namespace {
@@ -197,16 +198,16 @@ WrenchTrace idealRendering(const SceneConfig& config, double visual_step) {
   DeviceFilter filter(scene.haptic.filter);
   filter.reset(scene.start);
   const auto wrenchNow = [&](const DeviceState& device) {
-    const Handle& handle = scene.world.tool().handle();
+    const HandleState& handle = scene.world.tool().state.handle;
     return couplingWrench(scene.haptic.link, handle.pose, handle.twist, device);
   };
   WrenchTrace samples{wrenchNow({scene.start, Vec6::Zero(), 0})};
   const auto steps = static_cast<std::size_t>(std::ceil(config.duration / visual_step - 1e-9));
   for (std::size_t k = 1; k <= steps; ++k) {
     const DeviceState device = filter.accept(scene.device->sample(static_cast<double>(k) * visual_step));
-    const StepReport report = scene.world.step({device.pose, device.twist}, visual_step);
     // a failed step leaves the last good state; it shows in the floor as the error that it is
-    static_cast<void>(report);
+    visualStep(scene.world, {device.pose, device.twist}, {scene.linearization, visual_step},
+               static_cast<double>(k) * visual_step, {});
     samples.push_back(wrenchNow(device));
   }
   const auto ticks = static_cast<std::size_t>(std::llround(config.duration / config.haptic_step));

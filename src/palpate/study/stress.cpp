@@ -12,6 +12,7 @@
 #include "palpate/mesh/embedding_map.h"
 #include "palpate/mesh/surface_measures.h"
 #include "palpate/results/statistics.h"
+#include "palpate/visual/visual_step.h"
 
 namespace palpate {
 namespace {
@@ -81,7 +82,7 @@ class Examiner {
  public:
   explicit Examiner(const World& world) {
     for (int i = 0; i < world.bodies(); ++i) {
-      const SimulationMesh& mesh = world.body(i).mesh();
+      const SimulationMesh& mesh = world.body(i).model.mesh();
       surfaces_.emplace_back(mesh.surface);
       embeddings_.emplace_back(mesh.mesh, mesh.embedding);
     }
@@ -94,7 +95,7 @@ class Examiner {
     Intrusion out;
     for (int i = 0; i < world.bodies(); ++i) {
       CollisionSurface& s = surfaces_[i];
-      embeddings_[i].interpolate(world.body(i).positions().data(), s.start.data()->data());
+      embeddings_[i].interpolate(world.body(i).state.positions.data(), s.start.data()->data());
       s.end = s.start;
       s.refit();
       for (const Obstacle& o : world.obstacles) {
@@ -129,8 +130,8 @@ class Examiner {
 
 bool finite(const World& world) {
   for (int i = 0; i < world.bodies(); ++i) {
-    const Body& b = world.body(i);
-    if (!b.positions().allFinite() || !b.velocities().allFinite()) return false;
+    const Body b = world.body(i);
+    if (!b.state.positions.allFinite() || !b.state.velocities.allFinite()) return false;
   }
   return true;
 }
@@ -142,11 +143,13 @@ StressOutcome runStress(BuiltScene& scene, const StressSettings& settings,
   World& world = scene.world;
   world.link_force_limit = settings.max_force;
   world.link_torque_limit = settings.max_torque;
-  const double diagonal = boundsOf(world.tool().mesh().surface.vertices).diagonal();
+  const double diagonal = boundsOf(world.tool().model.mesh().surface.vertices).diagonal();
   WildHand hand(scene.start, settings.reach * diagonal, settings);
   Examiner examiner(world);
   const int burst = std::max(1, static_cast<int>(std::ceil(settings.burst / settings.step)));
   const int calm = std::max(1, static_cast<int>(std::ceil(settings.calm / settings.step)));
+  const VisualStepSettings visual{scene.linearization, settings.step};
+  HandleModel model;
   StressOutcome out;
   std::vector<double> times;
   for (int n = 0; n < settings.steps; ++n) {
@@ -154,8 +157,10 @@ StressOutcome runStress(BuiltScene& scene, const StressSettings& settings,
     const bool violent = phase < burst && n + calm < settings.steps;
     const DeviceTarget target = hand.next(!violent);
     const auto begin = std::chrono::steady_clock::now();
-    const StepReport report = world.step(target, settings.step);
+    const VisualRecord record = visualStep(world, target, visual, n * settings.step, model);
     times.push_back(std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - begin).count());
+    model = record.model;
+    const StepReport& report = record.step;
     ++out.steps;
     if (!finite(world)) ++out.nan;
     out.restored += report.status == StepStatus::restored ? 1 : 0;

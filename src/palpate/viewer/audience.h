@@ -11,7 +11,7 @@ namespace palpate {
 /// Bytes of a message, made once and shared by all who send it.
 using Bytes = std::shared_ptr<const std::string>;
 
-/// Whoever watches a live run. Any thread may call; no call waits for a viewer.
+/// Whoever watches a run. Any thread may call; no call waits for a viewer.
 class Audience {
  public:
   virtual ~Audience() = default;

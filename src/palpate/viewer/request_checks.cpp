@@ -5,8 +5,6 @@
 #include <algorithm>
 #include <array>
 #include <cstring>
-#include <limits>
-#include <nlohmann/json.hpp>
 
 namespace palpate {
 namespace {
@@ -203,16 +201,6 @@ std::optional<std::string> plainFileName(std::string_view name) {
     if (!character || *character < 0x20 || (*character >= 0x7f && *character < 0xa0)) return std::nullopt;
   }
   return characters <= kMaxNameCharacters ? std::optional(std::string(name)) : std::nullopt;
-}
-
-std::optional<unsigned> acknowledgedStep(std::string_view message) {
-  if (message.find("\"ack\"") == std::string_view::npos) return std::nullopt;  // spares most messages the parser
-  const auto json = nlohmann::json::parse(message, nullptr, false);
-  if (!json.is_object()) return std::nullopt;
-  const auto type = json.find("type"), frame = json.find("frame");
-  if (type == json.end() || *type != "ack" || frame == json.end() || !frame->is_number_unsigned()) return std::nullopt;
-  const auto step = frame->get<std::uint64_t>();
-  return step <= std::numeric_limits<unsigned>::max() ? std::optional(static_cast<unsigned>(step)) : std::nullopt;
 }
 
 }  // namespace palpate

@@ -55,7 +55,4 @@ bool isToken(std::string_view text);
 /// @return nothing where that is empty, "." or "..", longer than 100 characters, not UTF-8, or has control characters
 std::optional<std::string> plainFileName(std::string_view name);
 
-/// `frame` of an `ack` message; nothing where the text is anything else.
-std::optional<unsigned> acknowledgedStep(std::string_view message);
-
 }  // namespace palpate

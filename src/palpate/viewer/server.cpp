@@ -13,13 +13,13 @@
 #include <chrono>
 #include <csignal>
 #include <fstream>
-#include <mutex>
-#include <nlohmann/json.hpp>
 #include <variant>
 
 #include "palpate/common/error.h"
+#include "palpate/protocol/server_messages.h"
 #include "palpate/viewer/request_checks.h"
 #include "palpate/viewer/server_core.h"
+#include "palpate/viewer/server_inbox.h"
 
 namespace palpate {
 namespace {
@@ -31,7 +31,6 @@ using Timer = asio::basic_waitable_timer<Clock, asio::wait_traits<Clock>, Execut
 using Signals = asio::basic_signal_set<Executor>;
 using Error = boost::system::error_code;
 
-constexpr int kProtocol = 1;
 constexpr int kMaxOtherConnections = 64;  // beside the viewers
 // Small, so that what a stalled viewer does not take waits here, where it can be replaced by something newer.
 constexpr int kSendBuffer = 64 << 10;
@@ -44,71 +43,6 @@ double secondsOf(clockid_t clock) {
   if (clock_gettime(clock, &time) != 0) return -1.0;
   return static_cast<double>(time.tv_sec) + 1e-9 * static_cast<double>(time.tv_nsec);
 }
-
-// What other threads ask of the server's.
-
-struct GreetingOrder {
-  std::vector<std::pair<bool, Bytes>> messages;
-};
-struct StateOrder {
-  Bytes json;
-};
-struct TextOrder {
-  Bytes json;
-  std::optional<int> viewer;
-};
-using Order = std::variant<GreetingOrder, StateOrder, TextOrder, ViewerFrame, ViewerSamples>;
-
-/// Orders in the order in which they were given; of frames and states only the newest, as the server may be busy.
-class Inbox {
- public:
-  /// @return true where the server has to be woken
-  bool add(Order&& order) {
-    const std::lock_guard lock(mutex_);
-    if (closed_) return false;
-    if (std::holds_alternative<GreetingOrder>(order)) {
-      frame_.reset();
-    } else if (std::holds_alternative<ViewerFrame>(order)) {
-      if (replaced(frame_, order)) return false;
-    } else if (std::holds_alternative<StateOrder>(order)) {
-      if (replaced(state_, order)) return false;
-    }
-    orders_.push_back(std::move(order));
-    return orders_.size() == 1;
-  }
-
-  /// Takes all; `taken` is emptied and its memory used again.
-  void take(std::vector<Order>& taken) {
-    taken.clear();
-    const std::lock_guard lock(mutex_);
-    taken.swap(orders_);
-    frame_.reset();
-    state_.reset();
-  }
-
-  /// Nobody takes any more.
-  void close() {
-    const std::lock_guard lock(mutex_);
-    closed_ = true;
-    orders_.clear();
-  }
-
- private:
-  /// Puts the order in the place of one of its kind that waits, or remembers the place that it will get.
-  bool replaced(std::optional<std::size_t>& place, Order& order) {
-    if (place) {
-      orders_[*place] = std::move(order);
-      return true;
-    }
-    place = orders_.size();
-    return false;
-  }
-
-  std::mutex mutex_;
-  std::vector<Order> orders_;
-  std::optional<std::size_t> frame_, state_;  ///< index of the one that a newer one replaces
-  bool closed_ = false;
-};
 
 std::string bracketed(const asio::ip::address& address) {
   return address.is_v6() ? "[" + address.to_string() + "]" : address.to_string();
@@ -162,9 +96,7 @@ int ServerCore::join(Viewer& viewer) {
   const int number = ++last_viewer;
   viewers.emplace(number, &viewer);
   viewer_count = static_cast<int>(viewers.size());
-  const nlohmann::ordered_json json{
-      {"type", "welcome"}, {"protocol", kProtocol}, {"viewer", number}, {"version", options.version}};
-  viewer.queue.welcome(std::make_shared<std::string>(json.dump()));
+  viewer.queue.welcome(std::make_shared<std::string>(welcomeMessage(number, options.version)));
   viewer.queue.greet(greeting);
   if (state) viewer.queue.setState(state);
   if (frame) viewer.queue.setFrame(*frame);

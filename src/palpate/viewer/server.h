@@ -9,17 +9,18 @@
 #include <utility>
 #include <vector>
 
+#include "palpate/protocol/layout.h"
 #include "palpate/viewer/audience.h"
 
 namespace palpate {
 
 struct ServerOptions {
-  std::string address = "127.0.0.1";            ///< numeric, IPv4 or IPv6; any but a loopback address demands a token
-  unsigned short port = 0;                      ///< 0: any free one
-  std::string token;                            ///< letters, digits and -._~, at most 128; empty: none is asked for
-  std::string version;                          ///< of the program, for `welcome`
-  int max_viewers = 16;                         ///< one more is told so and closed
-  std::size_t max_surface_bytes = 64ull << 20;  ///< of POST /surface
+  std::string address = "127.0.0.1";  ///< numeric, IPv4 or IPv6; any but a loopback address demands a token
+  unsigned short port = 0;            ///< 0: any free one
+  std::string token;                  ///< letters, digits and -._~, at most 128; empty: none is asked for
+  std::string version;                ///< of the program, for `welcome`
+  int max_viewers = 16;               ///< one more is told so and closed
+  std::size_t max_surface_bytes = protocol::kMaxSurfaceBytes;  ///< of POST /surface
   double idle_timeout = 30.0;    ///< connection that sends nothing sensible for so long is closed [s], at least 0.01
   bool stop_on_signals = false;  ///< SIGINT and SIGTERM do what stop() does
 };
@@ -43,7 +44,7 @@ struct StaticFile {
   std::string_view content;  ///< outlives the server
 };
 
-/// HTTP and WebSocket server of the live viewer, for one thread. It knows nothing of what the messages mean but for
+/// HTTP and WebSocket server of the viewer, for one thread. It knows nothing of what the messages mean but for
 /// `welcome` and `ack`, which are its own, and the `lost` field of a batch of samples.
 class Server {
  public:

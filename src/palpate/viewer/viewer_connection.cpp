@@ -7,7 +7,7 @@
 #include <boost/beast/websocket/stream.hpp>
 #include <chrono>
 
-#include "palpate/viewer/request_checks.h"
+#include "palpate/protocol/server_messages.h"
 
 namespace palpate {
 namespace {
@@ -18,7 +18,6 @@ namespace http = boost::beast::http;
 namespace websocket = boost::beast::websocket;
 using Error = boost::system::error_code;
 
-constexpr std::size_t kMaxMessage = 4096;
 // Larger messages go in pieces of this size, between which a ping or a close can go.
 constexpr std::size_t kFragment = 64 << 10;
 
@@ -33,7 +32,7 @@ class ViewerConnection final : public Connection, public Viewer {
     socket_.set_option(websocket::stream_base::timeout{limit, limit, true});
     socket_.set_option(
         websocket::stream_base::decorator([](websocket::response_type& answer) { setSafetyHeaders(answer); }));
-    socket_.read_message_max(kMaxMessage);
+    socket_.read_message_max(protocol::kMaxCommandBytes);
     socket_.auto_fragment(true);
     socket_.write_buffer_bytes(kFragment);
     socket_.async_accept(upgrade_, [self = shared()](Error error) { self->onAccept(error); });

@@ -10,16 +10,15 @@ namespace {
 
 unsigned lostField(const std::string& batch) {
   unsigned value = 0;
-  if (batch.size() < ViewerQueue::kLostOffset + 4) return 0;
+  if (batch.size() < protocol::kLostOffset + 4) return 0;
   for (std::size_t i = 0; i < 4; ++i)
-    value |= static_cast<unsigned>(static_cast<unsigned char>(batch[ViewerQueue::kLostOffset + i])) << (8 * i);
+    value |= static_cast<unsigned>(static_cast<unsigned char>(batch[protocol::kLostOffset + i])) << (8 * i);
   return value;
 }
 
 void setLostField(std::string& batch, unsigned value) {
-  if (batch.size() < ViewerQueue::kLostOffset + 4) return;
-  for (std::size_t i = 0; i < 4; ++i)
-    batch[ViewerQueue::kLostOffset + i] = static_cast<char>((value >> (8 * i)) & 0xff);
+  if (batch.size() < protocol::kLostOffset + 4) return;
+  for (std::size_t i = 0; i < 4; ++i) batch[protocol::kLostOffset + i] = static_cast<char>((value >> (8 * i)) & 0xff);
 }
 
 unsigned saturatedSum(unsigned a, unsigned b) {

@@ -35,7 +35,6 @@ class ViewerQueue {
   static constexpr std::size_t kMaxSampleBytes = std::size_t{4} << 20;
   static constexpr std::size_t kMaxTextBytes = std::size_t{4} << 20;
   static constexpr std::size_t kMaxFramesOnTheWay = 3;
-  static constexpr std::size_t kLostOffset = 16;  ///< byte of a batch at which its u32 `lost` stands
 
   explicit ViewerQueue(std::size_t max_sample_bytes = kMaxSampleBytes) : max_sample_bytes_(max_sample_bytes) {}
 

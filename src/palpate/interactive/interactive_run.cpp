@@ -1,4 +1,4 @@
-#include "palpate/interactive/live_run.h"
+#include "palpate/interactive/interactive_run.h"
 
 #include <fmt/chrono.h>
 #include <fmt/format.h>
@@ -20,11 +20,10 @@
 #include "palpate/common/overloaded.h"
 #include "palpate/common/parallel.h"
 #include "palpate/interactive/recorder.h"
+#include "palpate/interactive/running_scene.h"
 #include "palpate/protocol/commands.h"
 #include "palpate/results/run_files.h"
-#include "palpate/scene/method.h"
 #include "palpate/scene/overrides.h"
-#include "palpate/session/realtime_loops.h"
 
 namespace palpate {
 namespace {
@@ -45,128 +44,11 @@ double threadSeconds() {
   return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
 }
 
-// The moduli of all bodies times a factor.
-SceneConfig stiffened(SceneConfig config, double factor) {
-  const auto scale = [factor](MaterialConfig& m) {
-    m.youngs_modulus *= factor;
-    for (MaterialPartConfig& part : m.parts) part.youngs_modulus *= factor;
-  };
-  scale(config.tool.material);
-  for (FreeBodyConfig& b : config.bodies) scale(b.material);
-  return config;
-}
-
-// One scene, built and running: everything that a reset or another scene replaces.
-class Stage {
- public:
-  Stage(const SceneConfig& config, const LiveSettings& settings, std::uint32_t generation)
-      : config_(config),
-        scene_(buildScene(stiffened(config, settings.stiffness))),
-        mouse_(replaceDevice()),
-        reader_(scene_.world),
-        encoder_(scene_.world.link, scene_.haptic.proxy.mass * scene_.haptic.proxy.gravity, generation),
-        stress_(settings.stress),
-        loops_((scene_.world.setFrictionScale(settings.friction), scene_), timingOf(config),
-               [this](const World& world, const VisualRecord& record) { stepped(world, record); }) {
-    last_tick_.device.pose = scene_.start;
-    last_tick_.proxy = scene_.world.tool().handle().pose;
-    keepState();
-  }
-
-  const SceneConfig& config() const { return config_; }
-  const BuiltScene& scene() const { return scene_; }
-  RealtimeLoops& loops() { return loops_; }
-  const TickRecord& lastTick() const { return last_tick_; }
-  MouseDevice& mouse() { return mouse_; }
-  void setStress(bool on) { stress_.store(on); }
-
-  // The following while the loops stand still.
-  void setMethod(const SceneConfig& config) {
-    config_ = config;
-    scene_.linearization.delassus = delassusOf(config.method);
-    loops_.change(renderingOf(config.method), timingOf(config));
-  }
-  void setFriction(double scale) { scene_.world.setFrictionScale(scale); }
-  void scaleStiffness(double factor) {
-    for (int i = 0; i < scene_.world.bodies(); ++i) {
-      if (!scene_.world.body(i).isRigid()) scene_.world.body(i).scaleStiffness(factor);
-    }
-  }
-  void record(Recorder* recorder, RunSink sink) {
-    recorder_ = recorder;
-    sink_ = std::move(sink);
-  }
-
-  // Takes rows and states from the loops and hands them on.
-  void pump(Audience& audience, std::uint32_t generation, bool again) {
-    VisualRecord step;
-    while (loops_.pop(step)) {
-      encoder_.add(step, loops_.substeps());
-      sink_.visual(step);
-      if (recorder_) recorder_->step(step, loops_.substeps());
-    }
-    TickRecord tick;
-    bool ticked = again;
-    while (loops_.pop(tick)) {
-      encoder_.add(tick);
-      sink_.tick(tick);
-      if (recorder_) recorder_->tick(tick);
-      last_tick_ = tick;
-      ticked = true;
-    }
-    if (!encoder_.empty()) {
-      const auto ticks = static_cast<std::uint32_t>(encoder_.ticks());
-      audience.samples(share(encoder_.take()), ticks);
-    }
-    const SceneState* state = states_.read();
-    if (state == nullptr || !ticked) return;
-    if (!full_ || state->step != full_step_ || again) {
-      full_ = share(frameMessage(*state, last_tick_, mouse_.taken(), generation, true));
-      full_step_ = state->step;
-    }
-    audience.frame(state->step, full_, share(frameMessage(*state, last_tick_, mouse_.taken(), generation, false)));
-  }
-
- private:
-  MouseDevice& replaceDevice() {
-    auto mouse = buildMouse(config_, scene_.start);
-    MouseDevice& out = *mouse;
-    scene_.device = std::move(mouse);
-    return out;
-  }
-
-  // On the visual loop's thread, or while it stands still.
-  void stepped(const World& world, const VisualRecord& record) {
-    ++state_.step;
-    keepState();
-    if (recorder_) recorder_->state(world, record);
-  }
-  void keepState() {
-    reader_.read(scene_.world, config_.visual_step, stress_.load(std::memory_order_relaxed), state_);
-    states_.write(state_);
-  }
-
-  SceneConfig config_;
-  BuiltScene scene_;
-  MouseDevice& mouse_;
-  StateReader reader_;
-  SampleEncoder encoder_;
-  std::atomic<bool> stress_;
-  SceneState state_;
-  LatestValue<SceneState> states_;
-  TickRecord last_tick_;
-  Bytes full_;
-  std::uint32_t full_step_ = 0;
-  Recorder* recorder_ = nullptr;
-  RunSink sink_;
-  RealtimeLoops loops_;  // last: its threads use all of the above
-};
-
 }  // namespace
 
-struct LiveRun::Impl {
-  Impl(SceneConfig first, LiveOptions live_options, Audience& viewers)
-      : base(std::move(first)), options(std::move(live_options)), audience(viewers) {}
+struct InteractiveRun::Impl {
+  Impl(SceneConfig first, InteractiveOptions interactive_options, Audience& viewers)
+      : base(std::move(first)), options(std::move(interactive_options)), audience(viewers) {}
 
   // --- the pump's thread
 
@@ -192,7 +74,7 @@ struct LiveRun::Impl {
     }
     lock.unlock();
     attempt([&] {
-      stage->loops().stop();
+      scene->loops().stop();
       pump(false);
       endRecording();
     });
@@ -208,37 +90,37 @@ struct LiveRun::Impl {
   }
 
   void pump(bool again) {
-    if (stage->loops().started() && stage->loops().ended()) {
+    if (scene->loops().started() && scene->loops().ended()) {
       settings.paused = true;
       publishState();
-      stage->loops().stop();  // throws what ended them
+      scene->loops().stop();  // throws what ended them
     }
-    stage->pump(audience, generation, again);
+    scene->pump(audience, generation, again);
   }
 
-  void go() {
-    if (!settings.paused) stage->loops().start(settings.speed, std::numeric_limits<double>::infinity());
+  void startLoops() {
+    if (!settings.paused) scene->loops().start(settings.speed, std::numeric_limits<double>::infinity());
   }
 
-  void halt() { stage->loops().stop(); }
+  void stopLoops() { scene->loops().stop(); }
 
   // Builds a scene in place of the present one, which goes on if that fails.
   void load(const SceneConfig& config, const std::string& busy) {
-    if (stage) {
+    if (scene) {
       status.busy = busy;
       publishState();
-      halt();
+      stopLoops();
       pump(false);
     }
     try {
-      auto next = std::make_unique<Stage>(config, settings, generation + 1);
-      if (stage) endRecording();
-      stage = std::move(next);
+      auto next = std::make_unique<RunningScene>(config, settings, generation + 1);
+      if (scene) endRecording();
+      scene = std::move(next);
     } catch (...) {
       status.busy.clear();
-      if (stage) {
+      if (scene) {
         publishState();
-        go();
+        startLoops();
       }
       throw;
     }
@@ -248,32 +130,32 @@ struct LiveRun::Impl {
     command = {};
     status.hand.reset();
     status.on_path = true;
-    greet();
+    announceScene();
     publishState();
     pump(true);
-    go();
+    startLoops();
   }
 
-  void greet() {
-    audience.greet({{false, share(sceneMessage(stage->config(), stage->scene(), options.scenes, generation))},
-                    {true, share(geometryMessage(stage->scene().world, generation))}});
+  void announceScene() {
+    audience.greet({{false, share(sceneMessage(scene->config(), scene->scene(), options.scenes, generation))},
+                    {true, share(geometryMessage(scene->scene().world, generation))}});
   }
 
-  void publishState() { audience.state(share(stateMessage(stage->config(), settings, status, generation))); }
+  void publishState() { audience.state(share(stateMessage(scene->config(), settings, status, generation))); }
 
   void notice(bool error, const std::string& text) { audience.text(share(noticeMessage(error, text))); }
 
   void publishStats() {
-    const PeriodicReport& report = stage->loops().report();
+    const PeriodicReport& report = scene->loops().report();
     const auto now = Clock::now();
     const double cpu = threadSeconds() + audience.cpuSeconds();
     const double wall = std::chrono::duration<double>(now - stats_time).count();
-    LiveFigures f;
+    LoopFigures f;
     f.ticks = report.ticks;
     f.missed = report.missed;
-    f.dropped = stage->loops().dropped();
-    f.delivered_energy = stage->lastTick().delivered_energy;
-    f.realtime_note = stage->loops().realtimeNote();
+    f.dropped = scene->loops().dropped();
+    f.delivered_energy = scene->lastTick().delivered_energy;
+    f.realtime_note = scene->loops().realtimeNote();
     f.server_share = wall > 0 ? (cpu - stats_cpu) / wall : 0.0;
     stats_time = now;
     stats_cpu = cpu;
@@ -282,7 +164,7 @@ struct LiveRun::Impl {
 
   // --- commands
 
-  void obey(int viewer, const ViewerCommand& message) {
+  void carryOut(int viewer, const ViewerCommand& message) {
     std::visit(
         Overloaded{[&](const HandMessage& m) { moveHand(viewer, m); }, [&](const TakeMessage&) { takeHand(viewer); },
                    [&](const ReleaseMessage&) { releaseHand(viewer); }, [&](const PlayMessage&) { play(); },
@@ -299,7 +181,7 @@ struct LiveRun::Impl {
     command.driver = HandCommand::Driver::hand;
     command.pose = m.pose;
     command.sequence = m.sequence;
-    stage->mouse().command(command);
+    scene->mouse().command(command);
   }
 
   void takeHand(int viewer) {
@@ -311,8 +193,8 @@ struct LiveRun::Impl {
     status.on_path = false;
     hand_moved = Clock::now();
     command.driver = HandCommand::Driver::hand;
-    command.pose = stage->lastTick().device.pose;
-    stage->mouse().command(command);
+    command.pose = scene->lastTick().device.pose;
+    scene->mouse().command(command);
     publishState();
   }
 
@@ -327,12 +209,12 @@ struct LiveRun::Impl {
     status.on_path = true;
     command.driver = HandCommand::Driver::path;
     ++command.plays;
-    stage->mouse().command(command);
+    scene->mouse().command(command);
     publishState();
   }
 
   void set(const SetMessage& m) {
-    SceneConfig wanted = stage->config();
+    SceneConfig wanted = scene->config();
     Overrides overrides;
     overrides.method = m.method;
     overrides.handle = m.handle;
@@ -344,40 +226,37 @@ struct LiveRun::Impl {
     if (m.speed) settings.speed = *m.speed;
     if (m.stress) {
       settings.stress = *m.stress;
-      stage->setStress(*m.stress);
+      scene->setStress(*m.stress);
     }
-    if (wanted.tool.handle != stage->config().tool.handle) {
+    if (wanted.tool.handle != scene->config().tool.handle) {
       if (m.friction) settings.friction = *m.friction;
       if (m.stiffness) settings.stiffness = *m.stiffness;
       load(wanted, "held by " + wanted.tool.handle);
       return;
     }
-    halt();
-    stage->setMethod(wanted);
+    stopLoops();
+    scene->setMethod(wanted);
     base = wanted;
-    if (m.friction) stage->setFriction(settings.friction = *m.friction);
-    if (m.stiffness) {
-      stage->scaleStiffness(*m.stiffness / settings.stiffness);
-      settings.stiffness = *m.stiffness;
-    }
+    if (m.friction) scene->setFriction(settings.friction = *m.friction);
+    if (m.stiffness) scene->setStiffness(settings.stiffness = *m.stiffness);
     publishState();
-    go();
+    startLoops();
   }
 
   void pause(bool on) {
     settings.paused = on;
     if (on) {
-      halt();
+      stopLoops();
       pump(true);
     } else {
-      go();
+      startLoops();
     }
     publishState();
   }
 
   void singleStep() {
     if (!settings.paused) pause(true);
-    stage->loops().stepOnce();
+    scene->loops().stepOnce();
     pump(true);
   }
 
@@ -390,7 +269,7 @@ struct LiveRun::Impl {
 
   void record(bool on) {
     if (on == (files != nullptr)) return;
-    halt();
+    stopLoops();
     pump(false);
     if (on) {
       beginRecording();
@@ -398,40 +277,40 @@ struct LiveRun::Impl {
       endRecording();
     }
     publishState();
-    go();
+    startLoops();
   }
 
   // Both while the loops stand still.
   void beginRecording() {
     const std::time_t now = std::time(nullptr);
     const auto folder =
-        options.record_folder / fmt::format("{}-{:%Y%m%d-%H%M%S}", stage->config().name, fmt::localtime(now));
-    SceneConfig config = stage->config();
+        options.record_folder / fmt::format("{}-{:%Y%m%d-%H%M%S}", scene->config().name, fmt::localtime(now));
+    SceneConfig config = scene->config();
     config.duration = kRecordedPlot;
     files = std::make_unique<RunFiles>(folder, config);
-    recorder = std::make_unique<Recorder>(files->stage("recording.palpate"), config, stage->scene(), settings);
-    stage->record(recorder.get(), files->sink());
+    recorder = std::make_unique<Recorder>(files->stage("recording.palpate"), config, scene->scene(), settings);
+    scene->record(recorder.get(), files->sink());
     status.recording = folder.string();
   }
 
   void endRecording() {
     if (!files) return;
-    stage->record(nullptr, {});
+    scene->record(nullptr, {});
     const auto done = std::move(files);
     const auto frames = std::move(recorder);
     const std::string folder = std::exchange(status.recording, {});
     frames->finish();
-    done->finish(stage->scene(), stage->loops().outcome(), nullptr);
+    done->finish(scene->scene(), scene->loops().outcome(), nullptr);
     notice(false, "recorded in " + folder);
   }
 
   SceneConfig base;  // as it would be begun anew
-  LiveOptions options;
+  InteractiveOptions options;
   Audience& audience;
-  LiveSettings settings;
-  LiveStatus status;
+  InteractiveSettings settings;
+  InteractiveStatus status;
   HandCommand command;
-  std::unique_ptr<Stage> stage;
+  std::unique_ptr<RunningScene> scene;
   std::unique_ptr<RunFiles> files;
   std::unique_ptr<Recorder> recorder;
   std::uint32_t generation = 0;
@@ -457,12 +336,12 @@ struct LiveRun::Impl {
   }
 };
 
-LiveRun::LiveRun(SceneConfig config, LiveOptions options, Audience& audience)
+InteractiveRun::InteractiveRun(SceneConfig config, InteractiveOptions options, Audience& audience)
     : impl_(std::make_unique<Impl>(std::move(config), std::move(options), audience)) {}
 
-LiveRun::~LiveRun() { stop(); }
+InteractiveRun::~InteractiveRun() { stop(); }
 
-void LiveRun::start() {
+void InteractiveRun::start() {
   impl_->load(impl_->base, "");
   if (impl_->options.record_from_start) impl_->record(true);
   impl_->thread = std::thread([this, executor = Executor::current()] {
@@ -471,7 +350,7 @@ void LiveRun::start() {
   });
 }
 
-void LiveRun::stop() {
+void InteractiveRun::stop() {
   {
     const std::lock_guard lock(impl_->mutex);
     impl_->stopping = true;
@@ -480,7 +359,7 @@ void LiveRun::stop() {
   if (impl_->thread.joinable()) impl_->thread.join();
 }
 
-void LiveRun::joined(int) {
+void InteractiveRun::joined(int) {
   impl_->post([i = impl_.get()] {
     ++i->status.viewers;
     i->publishState();
@@ -488,7 +367,7 @@ void LiveRun::joined(int) {
   });
 }
 
-void LiveRun::left(int viewer) {
+void InteractiveRun::left(int viewer) {
   impl_->post([i = impl_.get(), viewer] {
     --i->status.viewers;
     i->releaseHand(viewer);
@@ -496,12 +375,12 @@ void LiveRun::left(int viewer) {
   });
 }
 
-void LiveRun::message(int viewer, std::string_view json) {
+void InteractiveRun::message(int viewer, std::string_view json) {
   try {
     impl_->post(
         [i = impl_.get(), viewer, command = parseCommand(json)] {
           try {
-            i->obey(viewer, command);
+            i->carryOut(viewer, command);
           } catch (const InputError& e) {
             i->audience.textTo(viewer, share(noticeMessage(true, e.what())));
           }
@@ -512,7 +391,7 @@ void LiveRun::message(int viewer, std::string_view json) {
   }
 }
 
-std::optional<std::string> LiveRun::surface(const std::string& name, std::string&& content) {
+std::optional<std::string> InteractiveRun::surface(const std::string& name, std::string&& content) {
   const auto folder = impl_->options.surface_folder / std::to_string(++impl_->surfaces);
   const auto file = folder / name;
   try {

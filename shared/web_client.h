@@ -1,5 +1,7 @@
 #pragma once
 
+// A browser's side of the viewer's connection, on plain sockets.
+
 #include <arpa/inet.h>
 #include <netinet/in.h>
 #include <netinet/tcp.h>

@@ -1,0 +1,175 @@
+// Pairs of clusters that meet: their triangles, and of those the features.
+#include <algorithm>
+#include <limits>
+
+#include "palpate/common/parallel.h"
+#include "palpate/contact/pair_search.h"
+#include "palpate/contact/surface_pairs.h"
+
+namespace palpate {
+
+// Tests the clusters that meet, part by part, and leaves them to the front.
+void SurfacePairFinder::testMeetingClusters(PairSearch& s) {
+  makeTriangleBoxes(s);
+  const int count = static_cast<int>(meeting_.size()), parts = std::min(count, kMostParts);
+  workspace_.resize(kMostParts);
+  parallelRanges(parts, count, [&](int begin, int end, int part) {
+    Workspace& workspace = workspace_[static_cast<size_t>(part)];
+    workspace.found.clear();
+    PairSearch own = s;
+    own.out = &workspace.found;
+    for (int i = begin; i < end; ++i) {
+      Meeting& m = meeting_[static_cast<size_t>(i)];
+      testClusters(own, m.leaves, workspace);
+      m.clearance = own.clearance;
+    }
+    workspace.first_hit = own.first_hit;
+  });
+  for (int part = 0; part < parts; ++part) {
+    const Workspace& workspace = workspace_[static_cast<size_t>(part)];
+    s.out->insert(s.out->end(), workspace.found.begin(), workspace.found.end());
+    s.first_hit = std::min(s.first_hit, workspace.first_hit);
+  }
+  shareRoom();
+  if (s.front != nullptr) {
+    for (const Meeting& m : meeting_) {
+      if (m.clearance > s.box_reach) {
+        s.front->addApart(m.leaves, static_cast<double>(m.clearance - s.box_reach));
+      } else {
+        s.front->addMeeting(m.leaves);
+      }
+    }
+  }
+  meeting_.clear();
+}
+
+// Boxes of the triangles in clusters that meet, each cluster's once, before parts ask for them at the same time.
+void SurfacePairFinder::makeTriangleBoxes(const PairSearch& s) {
+  constexpr int kBoxParts = 8;
+  without_boxes_a_.clear();
+  without_boxes_b_.clear();
+  for (const Meeting& m : meeting_) {
+    const int ca = s.a.nodes()[static_cast<size_t>(m.leaves.a)].cluster;
+    const int cb = s.b.nodes()[static_cast<size_t>(m.leaves.b)].cluster;
+    if (s.a.claimTriangleBoxes(ca)) without_boxes_a_.push_back(ca);
+    if (s.b.claimTriangleBoxes(cb)) without_boxes_b_.push_back(cb);
+  }
+  const int of_a = static_cast<int>(without_boxes_a_.size()), count = of_a + static_cast<int>(without_boxes_b_.size());
+  parallelRanges(std::min(count, kBoxParts), count, [&](int begin, int end) {
+    for (int i = begin; i < end; ++i) {
+      if (i < of_a) {
+        s.a.makeTriangleBoxes(without_boxes_a_[static_cast<size_t>(i)]);
+      } else {
+        s.b.makeTriangleBoxes(without_boxes_b_[static_cast<size_t>(i - of_a)]);
+      }
+    }
+  });
+}
+
+// Which part finds how much changes from search to search: room in one is room in all, and later ones allocate nothing.
+void SurfacePairFinder::shareRoom() {
+  const auto roomOf = [](const Workspace& w) {
+    return std::array<size_t, 3>{w.a.capacity(), w.b.capacity(), w.found.capacity()};
+  };
+  std::array<size_t, 3> room{};
+  for (const Workspace& w : workspace_) {
+    const std::array<size_t, 3> own = roomOf(w);
+    for (size_t k = 0; k < 3; ++k) room[k] = std::max(room[k], own[k]);
+  }
+  for (Workspace& w : workspace_) {
+    if (roomOf(w) == room) continue;
+    w.a.reserve(room[0]);
+    w.b.reserve(room[1]);
+    w.found.reserve(room[2]);
+  }
+}
+
+void SurfacePairFinder::testClusters(PairSearch& s, NodePair leaves, Workspace& workspace) {
+  const int ca = s.a.nodes()[static_cast<size_t>(leaves.a)].cluster;
+  const int cb = s.b.nodes()[static_cast<size_t>(leaves.b)].cluster;
+  const auto gather = [&s](const CollisionSurface& surface, int cluster, const MovingBox& other,
+                           std::vector<Local>& local, MovingBox& around) {
+    const auto boxes = surface.triangleBoxes(cluster);
+    const auto triangles = surface.trianglesOfCluster(cluster);
+    local.clear();
+    for (size_t i = 0; i < boxes.size(); ++i) {
+      if (!s.meetClosely(boxes[i], other)) continue;
+      if (local.empty())
+        around = boxes[i];
+      else
+        around.include(boxes[i]);
+      local.push_back({boxes[i], triangles[i]});
+    }
+  };
+  const bool same = s.self() && ca == cb;
+  s.may_exclude = s.self() && s.exclusion->touchesClusters(ca, cb);
+  s.clearance = std::numeric_limits<float>::infinity();
+  MovingBox around_a, around_b;
+  gather(s.a, ca, s.b.nodeBox(leaves.b), workspace.a, around_a);
+  if (workspace.a.empty()) return;
+  gather(s.b, cb, same ? s.b.nodeBox(leaves.b) : around_a, workspace.b, around_b);
+  for (const Local& p : workspace.a)
+    for (const Local& q : workspace.b)
+      if ((!same || p.triangle < q.triangle) && s.meetClosely(p.box, q.box)) testTriangles(s, p, q);
+}
+
+// By how much planes square to the first triangle at its start keep the two apart at the start and at the end, hence
+// throughout; below zero if they do not.
+float SurfacePairFinder::gapAlongNormal(const CollisionSurface& sp, const std::array<int, 3>& p,
+                                        const CollisionSurface& sq, const std::array<int, 3>& q) {
+  using Vec3f = Eigen::Vector3f;
+  const auto start = [](const CollisionSurface& s, int v) -> Vec3f { return s.roundedStart(v).head<3>(); };
+  const auto end = [](const CollisionSurface& s, int v) -> Vec3f { return s.roundedEnd(v).head<3>(); };
+  const Vec3f origin = start(sp, p[0]);
+  const Vec3f normal = (start(sp, p[1]) - origin).cross(start(sp, p[2]) - origin);
+  float p_low = 0, p_high = 0, q_low = std::numeric_limits<float>::infinity(), q_high = -q_low;  // start of p: all 0
+  for (size_t i = 0; i < 3; ++i) {
+    const float pe = normal.dot(end(sp, p[i]) - origin);
+    p_low = std::min(p_low, pe);
+    p_high = std::max(p_high, pe);
+    const float qs = normal.dot(start(sq, q[i]) - origin), qe = normal.dot(end(sq, q[i]) - origin);
+    q_low = std::min(q_low, std::min(qs, qe));
+    q_high = std::max(q_high, std::max(qs, qe));
+  }
+  constexpr float kShortest = 1e-15f;  // square meters; squares of shorter ones run out of single precision's exponents
+  const float length = normal.norm();
+  return length > kShortest ? std::max(q_low - p_high, p_low - q_high) / length : 0.0f;
+}
+
+void SurfacePairFinder::testTriangles(PairSearch& s, const Local& a, const Local& b) {
+  const int ta = a.triangle, tb = b.triangle;
+  const auto &va = s.a.triangles()[static_cast<size_t>(ta)], &vb = s.b.triangles()[static_cast<size_t>(tb)];
+  const auto &ea = s.a.triangleEdges()[static_cast<size_t>(ta)], &eb = s.b.triangleEdges()[static_cast<size_t>(tb)];
+  float apart = gapAlongNormal(s.a, va, s.b, vb);
+  if (!(apart > s.box_reach)) apart = gapAlongNormal(s.b, vb, s.a, va);
+  if (apart > s.box_reach) {
+    s.clearance = std::min(s.clearance, apart);
+    return;
+  }
+  s.clearance = 0;
+  // most features of triangles that meet are apart by their own boxes
+  std::array<MovingBox, 3> box_a, box_b;
+  for (size_t k = 0; k < 3; ++k) {
+    box_a[k] = s.a.vertexBox(va[k]);
+    box_b[k] = s.b.vertexBox(vb[k]);
+  }
+  for (int i = 0; i < 3; ++i) {
+    const auto k = static_cast<size_t>(i);
+    if (s.a.ownsCorner(ta, i) && s.meet(box_a[k], b.box)) testVertexFace(s, true, va[k], ta, tb);
+    if (s.b.ownsCorner(tb, i) && s.meet(box_b[k], a.box)) testVertexFace(s, false, vb[k], tb, ta);
+  }
+  for (size_t k = 0; k < 3; ++k) box_b[k].include(s.b.vertexBox(vb[(k + 1) % 3]));
+  for (int i = 0; i < 3; ++i) {
+    if (!s.a.ownsEdge(ta, i)) continue;
+    const auto k = static_cast<size_t>(i);
+    MovingBox edge = box_a[k];
+    edge.include(box_a[(k + 1) % 3]);
+    if (!s.meet(edge, b.box)) continue;
+    for (int j = 0; j < 3; ++j) {
+      const auto l = static_cast<size_t>(j);
+      if (s.b.ownsEdge(tb, j) && s.meet(edge, box_b[l])) testEdgeEdge(s, ea[k], eb[l]);
+    }
+  }
+}
+
+}  // namespace palpate

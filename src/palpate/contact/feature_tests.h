@@ -1,0 +1,58 @@
+#pragma once
+
+#include <array>
+
+#include "palpate/contact/feature_distance.h"
+#include "palpate/contact/pair_search.h"
+
+namespace palpate {
+
+/// What the tests of vertices against faces and of edges against edges share. For the parts of SurfacePairFinder only.
+
+constexpr double kOutline = CollisionSurface::kOutline;
+/// Sine by which a line must enter a solid at a vertex or edge that is not nearest to it.
+constexpr double kEntering = 0.2;
+/// Sine of the angle below which a face is square to the shortest line.
+constexpr double kFlat = 1e-6;
+
+inline const Vec3& at(const std::vector<Vec3>& points, int i) { return points[static_cast<size_t>(i)]; }
+inline Vec3 displacement(const CollisionSurface& s, int v) { return at(s.end, v) - at(s.start, v); }
+
+/// Distance so small that the line between the points has no meaning.
+inline bool touching(double distance, const Vec3& p) { return distance <= 1e-13 + 1e-12 * p.cwiseAbs().maxCoeff(); }
+
+/// v / |v|; where that is nothing, the other's direction, or z.
+Vec3 unitOr(const Vec3& v, const Vec3& other);
+
+/// A vertex of surface `sv` against faces of `sf` (the other one, or the same), within one search.
+struct VertexFaces {
+  const PairSearch& s;
+  const CollisionSurface& sv;
+  const CollisionSurface& sf;
+
+  bool excluded(int v, int face) const { return s.excluded({v, -1, -1}, sf.triangles()[static_cast<size_t>(face)]); }
+  TrianglePoint closest(int v, int face, double t) const;
+  /// Bound of how far the vertex moves relative to any point of the face.
+  double travel(int v, int face) const;
+  Vec3 faceNormal(int face) const { return unitOr(sf.areaNormal(face, 0), Vec3::UnitZ()); }
+  /// When the vertex hits the face, if it does.
+  /// @param q  closest point at the start
+  Approach impact(int v, int face, const TrianglePoint& q, double travel) const;
+  Approach impact(int v, int face) const;
+  /// Sets the time at which the pair is described, and q, from the closest point at the start to that then; false if
+  /// other pairs say the same.
+  bool chooseTime(int v, int face, const TrianglePoint& at_end, TrianglePoint& q, FeaturePair& pair) const;
+  bool doubled(int v, int face, const TrianglePoint& q, double t, bool vertex_first) const;
+  void describe(int v, int face, const TrianglePoint& q, FeaturePair& pair) const;
+
+ private:
+  Approach leaving(int v, int face, const TrianglePoint& q) const;
+  template <class Visit>
+  bool anyNeighbor(int face, const TrianglePoint& q, Visit visit) const;
+  bool neighborNearer(int v, int face, const TrianglePoint& q, double t) const;
+  bool neighborHitFirst(int v, int face, const TrianglePoint& q, double toi) const;
+  bool besideEdge(int v, int face, const TrianglePoint& q, double t) const;
+  bool nearest(int v, int face, const TrianglePoint& q, double t) const;
+};
+
+}  // namespace palpate

@@ -1,0 +1,505 @@
+#include "palpate/simulation/body_system.h"
+
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+#include <utility>
+
+#include "palpate/common/parallel.h"
+#include "palpate/contact/contact_rows.h"
+#include "palpate/linear/triangular_solve.h"
+#include "palpate/math/rotation.h"
+
+namespace palpate {
+
+BodySystem::BodySystem(const BodyModel& model) : model_(&model), a_(model.pattern()) {
+  trailing_.assign(model.nodes(), -1);
+}
+
+void BodySystem::assemble(const StepInput& input, BodyState& state) {
+  const ElasticMesh& fem = model_->elasticity();
+  state_ = &state;
+  input_ = input;
+  const double h = input.step;
+  c_ = h * fem.material().damping_beta + h * h;
+  x0_ = state.positions;
+  v0_ = state.velocities;
+  start_ = state.handle;
+  if (ahead_.isFor(x0_)) {
+    state.elastic.rotations.swap(ahead_.rotations);
+    f_.swap(ahead_.forces);
+  } else {
+    fem.updateRotations(x0_, state.elastic);
+    fem.forces(x0_, state.elastic, f_);
+  }
+  ahead_.clear();
+  parallelFor(ElasticMesh::kParts + 1, [&](int i) {
+    if (i == 0) {
+      assembleRightSides();
+    } else {
+      fem.assemblePart(i - 1, 1.0 + h * fem.material().damping_alpha, c_, state.elastic, a_);
+    }
+  });
+}
+
+void BodySystem::assembleRightSides() {
+  const double h = input_.step;
+  const int columns = model_->framed() ? 7 : 1;
+  rhs_.resize(3 * model_->freeNodes(), columns);
+  for (int r = 0; r < model_->freeNodes(); ++r) {
+    const int i = model_->free()[r];
+    const double m = model_->elasticity().mass()[i];
+    rhs_.col(columns - 1).segment<3>(3 * r) =
+        m * v0_.segment<3>(3 * i) + h * (f_.segment<3>(3 * i) + m * input_.gravity);
+  }
+  if (!model_->framed()) return;
+  pullHandle();
+  assembleHandle();
+}
+
+// K_TH G into pulled_ and G^T K_HH G, from the elements that join handle and free nodes; A_th = c K_TH G.
+void BodySystem::pullHandle() {
+  const int n = model_->freeNodes();
+  pulled_.setZero(4, 6 * n);
+  gkg_.setZero();
+  for (const int element : model_->boundaryElements()) addPull(element);
+  a_th_.resize(3 * n, 6);
+  for (int r = 0; r < n; ++r) a_th_.middleRows<3>(3 * r) = c_ * pulled_.block<3, 6>(0, 6 * r);
+  rhs_.leftCols(6) = a_th_;
+}
+
+// One element's sum of K_ij G_j over its attached nodes j, G_j = [I, -[r_j]x]: as K_ij is made of products of
+// gradients, so is the sum, of the gradients' sum, moment and sum of mu c_j r_j^T. By columns of four doubles, which
+// the processor adds at once.
+void BodySystem::addPull(int element) {
+  const ElasticElement& e = model_->elasticity().elements()[element];
+  const ElasticState& elastic = state_->elastic;
+  const double mu = elastic.stiffness_scale * e.mu, lambda = elastic.stiffness_scale * e.lambda;
+  const auto pad = [](const Vec3& v) { return Vec4(v[0], v[1], v[2], 0.0); };
+  const Mat3 rotation = start_.pose.matrix();
+  std::array<Vec3, 4> arm;
+  std::array<Vec4, 4> c;
+  Vec4 sum = Vec4::Zero(), moment = Vec4::Zero();
+  std::array<Vec4, 3> spread{Vec4::Zero(), Vec4::Zero(), Vec4::Zero()};
+  for (int j = 0; j < 4; ++j) {
+    c[j] = pad(elastic.rotations[element] * e.gradient[j]);
+    const int attached = model_->attachedIndex()[e.node[j]];
+    if (attached < 0) continue;
+    arm[j] = rotation * handle().offsets[attached];
+    sum += c[j];
+    moment += pad(arm[j].cross(c[j].head<3>()));
+    for (int k = 0; k < 3; ++k) spread[k] += mu * arm[j][k] * c[j];
+  }
+  const Vec4 stretched = lambda * sum, turned = lambda * moment, sheared = mu * sum;
+  for (int i = 0; i < 4; ++i) {
+    const Vec4& ci = c[i];
+    const double shear = ci.dot(sheared);
+    const Vec3 q(spread[0].dot(ci), spread[1].dot(ci), spread[2].dot(ci));
+    Eigen::Matrix<double, 4, 6> kg;
+    for (int k = 0; k < 3; ++k) {
+      const int next = (k + 1) % 3, last = (k + 2) % 3;
+      kg.col(k) = stretched[k] * ci + ci[k] * sheared;
+      kg(k, k) += shear;
+      // column k of spread [c]x - [q]x
+      kg.col(3 + k) = turned[k] * ci + ci[last] * spread[next] - ci[next] * spread[last];
+      kg(next, 3 + k) -= q[last];
+      kg(last, 3 + k) += q[next];
+    }
+    const int free = row(e.node[i]);
+    if (free >= 0) {
+      pulled_.middleCols<6>(6 * free) += kg;
+    } else {
+      gkg_.topRows<3>() += kg.topRows<3>();
+      gkg_.bottomRows<3>() += skew(arm[i]) * kg.topRows<3>();
+    }
+  }
+}
+
+// Elastic forces of the attached nodes, weight and gyroscopic torque, about the handle's origin.
+Vec6 BodySystem::handleWrench() const {
+  Vec6 wrench = Vec6::Zero();
+  for (std::size_t k = 0; k < handle().nodes.size(); ++k) {
+    const Vec3 force = f_.segment<3>(3 * handle().nodes[k]);
+    wrench.head<3>() += force;
+    wrench.tail<3>() += (start_.pose.rotation * handle().offsets[k]).cross(force);
+  }
+  wrench.head<3>() += handle().mass * input_.gravity;  // no moment: the origin is the center of mass
+  const Mat3 inertia = handle().worldInertia(start_.pose);
+  const Vec3 w = start_.twist.tail<3>();
+  wrench.tail<3>() -= w.cross(inertia * w);
+  return wrench;
+}
+
+// A_hh and its right-hand side.
+void BodySystem::assembleHandle() {
+  const double h = input_.step;
+  const double drag = h * model_->elasticity().material().damping_alpha;
+  const Mat3 rotation = start_.pose.matrix();
+  Vec6 wrench = handleWrench();
+  mass0_ = handle().massMatrix(start_.pose);
+  a_hh_ = mass0_ + c_ * gkg_;
+  a_hh_.topLeftCorner<3, 3>().diagonal().array() += drag * handle().attached_mass;
+  a_hh_.bottomRightCorner<3, 3>() += drag * rotation * handle().attached_inertia * rotation.transpose();
+  if (model_->held()) addLink(wrench);
+  b_h_ = mass0_ * start_.twist + h * wrench;
+}
+
+void BodySystem::addLink(Vec6& wrench) {
+  const double h = input_.step;
+  const Pose& device = input_.device.pose;
+  wrench -= linkWrenchOnDevice(input_.link, start_.pose, Vec6::Zero(), device, input_.device.twist);
+  a_hh_.topLeftCorner<3, 3>().diagonal().array() += h * (input_.link.damping + h * input_.link.stiffness);
+  // log(exp(h w) R Rd^T) = theta + h Jl^-1 w: its symmetric part keeps A symmetric, and positive up to |theta| = pi.
+  const Vec3 theta = logRotation(start_.pose.rotation * device.rotation.conjugate());
+  const Mat3 jacobian = leftJacobianInverse(theta);
+  a_hh_.bottomRightCorner<3, 3>() += h * input_.link.rotational_damping * Mat3::Identity() +
+                                     h * h * input_.link.rotational_stiffness * 0.5 * (jacobian + jacobian.transpose());
+}
+
+bool BodySystem::contactNodesFit(const std::vector<int>& needed) {
+  FactorOrder& order = state_->order;
+  if (order.chosen && (!analyzed_ || last_nodes_ != order.last_nodes)) analyze(order.last_nodes);
+  int missing = 0;
+  int free = 0;
+  seen_.assign(model_->row().size(), 0);
+  for (const int n : needed) {
+    if (row(n) < 0 || seen_[n]) continue;
+    seen_[n] = 1;
+    ++free;
+    if (trailing_[n] < 0) ++missing;
+  }
+  constexpr int kSlack = 12;     // nodes
+  constexpr int kPatience = 20;  // steps
+  const bool surplus = static_cast<int>(order.last_nodes.size()) > 3 * free + kSlack;
+  order.surplus_steps = surplus ? order.surplus_steps + 1 : 0;
+  return order.chosen && (missing == 0 || !nodes_last_) && order.surplus_steps < kPatience;
+}
+
+bool BodySystem::lacksNodes(const ContactPoint& point, int self) const {
+  if (point.body != self || !nodes_last_) return false;
+  for (int k = 0; k < point.count; ++k) {
+    if (row(point.node[k]) >= 0 && trailing_[point.node[k]] < 0) return true;
+  }
+  return false;
+}
+
+void BodySystem::orderContactNodes(const std::vector<int>& nodes) {
+  FactorOrder& order = state_->order;
+  order = {true, {}, 0};
+  seen_.assign(model_->row().size(), 0);
+  for (const int n : nodes) {
+    if (row(n) < 0 || seen_[n]) continue;
+    seen_[n] = 1;
+    order.last_nodes.push_back(n);
+  }
+  analyze(order.last_nodes);
+}
+
+// Symbolic analysis of A_tt for free nodes, each once.
+void BodySystem::analyze(const std::vector<int>& nodes) {
+  constexpr std::size_t kMany = 64;  // nodes; fewer are last in any case
+  last_nodes_ = nodes;
+  std::fill(trailing_.begin(), trailing_.end(), -1);
+  std::vector<int> rows;
+  rows.reserve(nodes.size());
+  for (std::size_t k = 0; k < nodes.size(); ++k) {
+    trailing_[nodes[k]] = static_cast<int>(k);
+    rows.push_back(row(nodes[k]));
+  }
+  nodes_last_ = true;
+  if (!model_->free().empty()) factor_.analyze(a_, rows);
+  if (rows.size() >= kMany) {
+    // operations of the factor and of W for a contact on each node, either way
+    const double dense = 3.0 * static_cast<double>(rows.size());
+    const double last = factor_.statistics().flops + 2.0 * dense * dense * dense;
+    SparseCholesky anywhere;
+    anywhere.analyze(a_);
+    if (anywhere.statistics().flops + anywhere.gramOperations(rows) < last) {
+      factor_ = std::move(anywhere);
+      nodes_last_ = false;
+    }
+  }
+  analyzed_ = true;
+  ++analyses_;
+}
+
+bool BodySystem::factorize() { return model_->free().empty() || factor_.factorize(a_); }
+
+void BodySystem::solveFree() {
+  solution_ = rhs_;
+  if (!model_->free().empty()) factor_.solve(solution_);
+  if (!model_->framed()) {
+    v_free_ = solution_.col(0);
+  } else {
+    // X^T b = A_th^T A_tt^-1 b, so one solve for all seven columns is enough
+    x_th_ = solution_.leftCols(6);
+    const Eigen::Matrix<double, 6, 6> q = a_th_.transpose() * x_th_;
+    const Eigen::Matrix<double, 6, 6> s = a_hh_ - 0.5 * (q + q.transpose());
+    s_inverse_ = s.inverse();
+    u_free_ = s_inverse_ * (b_h_ - a_th_.transpose() * solution_.col(6));
+    v_free_ = solution_.col(6) - x_th_ * u_free_;
+  }
+  v_end_ = v_free_;
+  u_end_ = u_free_;
+}
+
+// Contact impulses on the free nodes, into prediction_, and on the handle; whether there are any.
+bool BodySystem::addImpulses(const std::vector<Contact>& contacts, const ContactRows& own, int self, const VecX& impulse,
+                       Vec6& on_handle) {
+  prediction_.setZero(3 * model_->freeNodes(), 1);
+  on_handle.setZero();
+  for (const int i : own.contacts) {
+    const Vec3 world = contacts[i].frame().transpose() * impulse.segment<3>(3 * i);
+    forEachNode(contacts[i], self, [&](int node, double weight) {
+      const Vec3 share = weight * world;
+      if (row(node) >= 0) {
+        prediction_.block<3, 1>(3 * row(node), 0) += share;
+      } else {
+        on_handle += jacobian(node).transpose() * share;
+      }
+    });
+  }
+  return !own.contacts.empty();
+}
+
+void BodySystem::predict(const std::vector<Contact>& contacts, const ContactRows& own, int self, const VecX& impulse) {
+  Vec6 on_handle;
+  v_end_ = v_free_;
+  u_end_ = u_free_;
+  if (!addImpulses(contacts, own, self, impulse, on_handle)) return;
+  if (!model_->free().empty()) factor_.solve(prediction_);
+  v_end_ += prediction_.col(0);
+  if (model_->framed()) {
+    const Vec6 du = s_inverse_ * (on_handle - a_th_.transpose() * prediction_.col(0));
+    u_end_ += du;
+    v_end_ -= x_th_ * du;
+  }
+}
+
+void BodySystem::solveFreeAgain() {
+  const VecX v = v_end_;
+  const Vec6 u = u_end_;
+  solveFree();
+  v_end_ = v;
+  u_end_ = u;
+}
+
+// Appends J_t^T of a contact to columns_, and sets its columns of J_h^T and z.
+void BodySystem::addColumns(const Contact& c, int self, Eigen::Index column, BodyContactRows& rows) {
+  const Mat3 frame = c.frame().transpose();
+  if (model_->framed()) {
+    rows.handle.middleCols<3>(column).setZero();
+    rows.z.middleCols<3>(column).setZero();
+  }
+  forEachNode(c, self, [&](int node, double weight) {
+    const Mat3 block = weight * frame;
+    if (row(node) >= 0) {
+      columns_.add(row(node), block);
+      if (model_->framed()) rows.z.middleCols<3>(column) -= x_th_.middleRows<3>(3 * row(node)).transpose() * block;
+    } else {
+      rows.handle.middleCols<3>(column) += jacobian(node).transpose() * block;
+    }
+  });
+  columns_.close();
+  if (model_->framed()) rows.z.middleCols<3>(column) += rows.handle.middleCols<3>(column);
+}
+
+void BodySystem::contactRows(const std::vector<Contact>& contacts, int self, const std::vector<char>& changed,
+                       BodyContactRows& rows) {
+  const Eigen::Index count = rows.rows();
+  changed_.clear();
+  for (std::size_t k = 0; k < rows.contacts.size(); ++k) {
+    if (k >= rows.known || changed[rows.contacts[k]]) changed_.push_back(static_cast<int>(k));
+  }
+  rows.known = rows.contacts.size();
+  if (changed_.empty()) return;
+  // a changed contact costs a solve with three columns; beyond some share of them all columns at once are cheaper
+  constexpr std::size_t kFew = 4;
+  const bool few = kFew * changed_.size() < rows.contacts.size();
+  if (!few) {
+    changed_.resize(rows.contacts.size());
+    std::iota(changed_.begin(), changed_.end(), 0);
+  }
+  if (model_->framed()) {
+    rows.handle.conservativeResize(6, count);
+    rows.z.conservativeResize(6, count);
+  }
+  columns_.clear();
+  for (const int k : changed_) addColumns(contacts[rows.contacts[k]], self, 3 * k, rows);
+  if (few) {
+    rows.delassus.conservativeResize(count, count);
+    updateDelassus(contacts, self, rows);
+  } else {
+    formDelassus(rows);
+  }
+}
+
+// All of it, from columns_.
+void BodySystem::formDelassus(BodyContactRows& rows) {
+  const Eigen::Index count = rows.rows();
+  if (model_->free().empty()) {
+    rows.delassus.setZero(count, count);
+  } else if (!nodes_last_) {
+    factor_.gram(columns_, rows.delassus);
+  } else {
+    half_.setZero(static_cast<Eigen::Index>(3 * last_nodes_.size()), count);
+    for (Eigen::Index c = 0; c < columns_.size(); ++c) {
+      for (int k = columns_.begin[c]; k < columns_.begin[c + 1]; ++k) {
+        half_.block<3, 3>(3 * trailing_[model_->free()[columns_.node[k]]], 3 * c) += columns_.block[k];
+      }
+    }
+    rows.delassus.setZero(count, count);
+    // Eigen divides by the number of rows to choose its blocks
+    if (half_.rows() > 0) {
+      solveLowerInPlace(factor_.trailing(), half_);
+      rows.delassus.selfadjointView<Eigen::Lower>().rankUpdate(half_.transpose());
+    }
+  }
+  if (model_->framed()) addHandleDelassus(rows);
+}
+
+// z^T S^-1 z: what the handle's motion adds; in tiles that stay in the cache.
+void BodySystem::addHandleDelassus(BodyContactRows& rows) const {
+  const Eigen::Index count = rows.rows();
+  constexpr int kTile = 64;
+  parallelFor(static_cast<int>((count + kTile - 1) / kTile), [&](int tile) {
+    const Eigen::Index j = tile * kTile, width = std::min<Eigen::Index>(kTile, count - j), below = count - j - width;
+    const Eigen::Matrix<double, 6, Eigen::Dynamic, 0, 6, kTile> moved = s_inverse_ * rows.z.middleCols(j, width);
+    rows.delassus.block(j, j, width, width).triangularView<Eigen::Lower>() +=
+        rows.z.middleCols(j, width).transpose() * moved;
+    rows.delassus.block(j + width, j, below, width).noalias() += rows.z.rightCols(below).transpose() * moved;
+  });
+}
+
+// Rows and columns of the changed contacts, by a solve with their columns.
+void BodySystem::updateDelassus(const std::vector<Contact>& contacts, int self, BodyContactRows& rows) {
+  response_.setZero(3 * model_->freeNodes(), 3 * columns_.size());
+  for (Eigen::Index c = 0; c < columns_.size(); ++c) {
+    for (int k = columns_.begin[c]; k < columns_.begin[c + 1]; ++k) {
+      response_.block<3, 3>(3 * columns_.node[k], 3 * c) += columns_.block[k];
+    }
+  }
+  if (!model_->free().empty()) factor_.solve(response_);
+  image_ = rowVelocity(contacts, rows, self, response_);
+  if (model_->framed()) {
+    for (std::size_t c = 0; c < changed_.size(); ++c) {
+      image_.middleCols<3>(static_cast<Eigen::Index>(3 * c)) +=
+          rows.z.transpose() * (s_inverse_ * rows.z.middleCols<3>(3 * changed_[c]));
+    }
+  }
+  for (std::size_t c = 0; c < changed_.size(); ++c) {
+    const Eigen::Index own = 3 * changed_[c];
+    const auto column = image_.middleCols<3>(static_cast<Eigen::Index>(3 * c));
+    rows.delassus.block(own, own, rows.delassus.rows() - own, 3) = column.bottomRows(rows.delassus.rows() - own);
+    rows.delassus.block(own, 0, 3, own) = column.topRows(own).transpose();
+  }
+}
+
+MatX BodySystem::rowVelocity(const std::vector<Contact>& contacts, const ContactRows& own, int self,
+                       const MatX& v) const {
+  MatX out = MatX::Zero(own.rows(), v.cols());
+  for (std::size_t i = 0; i < own.contacts.size(); ++i) {
+    const Contact& c = contacts[own.contacts[i]];
+    auto rows = out.middleRows<3>(static_cast<Eigen::Index>(3 * i));
+    forEachNode(c, self, [&](int node, double weight) {
+      if (row(node) >= 0) rows += weight * v.middleRows<3>(3 * row(node));
+    });
+    const Mat3 frame = c.frame();
+    for (Eigen::Index k = 0; k < rows.cols(); ++k) rows.col(k) = (frame * rows.col(k)).eval();
+  }
+  return out;
+}
+
+void BodySystem::nodeVelocity(const ContactPoint& point, const VecX& v, const Vec6& u, Vec3& out) const {
+  out.setZero();
+  for (int k = 0; k < point.count; ++k) {
+    const int node = point.node[k];
+    if (row(node) >= 0) {
+      out += point.weight[k] * v.segment<3>(3 * row(node));
+    } else {
+      out += point.weight[k] * (jacobian(node) * u);
+    }
+  }
+}
+
+void BodySystem::addFreeRowVelocity(const std::vector<Contact>& contacts, const ContactRows& own, int self,
+                              VecX& velocity) const {
+  Vec3 v;
+  for (const int i : own.contacts) {
+    auto rows = velocity.segment<3>(3 * i);
+    if (contacts[i].first.body == self) {
+      nodeVelocity(contacts[i].first, v_free_, u_free_, v);
+      rows += contacts[i].frame() * v;
+    }
+    if (contacts[i].second.body == self) {
+      nodeVelocity(contacts[i].second, v_free_, u_free_, v);
+      rows -= contacts[i].frame() * v;
+    }
+  }
+}
+
+void BodySystem::applyImpulse(const std::vector<Contact>& contacts, const BodyContactRows& rows, int self, const VecX& lambda) {
+  Vec6 on_handle;
+  v_end_ = v_free_;
+  u_end_ = u_free_;
+  if (!addImpulses(contacts, rows, self, lambda, on_handle)) return;
+  if (!model_->free().empty() && nodes_last_) {
+    on_trailing_.resize(static_cast<Eigen::Index>(3 * last_nodes_.size()));
+    for (std::size_t k = 0; k < last_nodes_.size(); ++k) {
+      on_trailing_.segment<3>(static_cast<Eigen::Index>(3 * k)) =
+          prediction_.block<3, 1>(3 * row(last_nodes_[k]), 0);
+    }
+    impulse_response_.resize(v_free_.size());
+    factor_.solveFromTrailing(on_trailing_, impulse_response_);
+    v_end_ += impulse_response_;
+  } else if (!model_->free().empty()) {
+    factor_.solve(prediction_);
+    v_end_ += prediction_.col(0);
+  }
+  if (model_->framed()) {
+    const Vec6 du = s_inverse_ * (rows.z * rows.gather(lambda));
+    u_end_ += du;
+    v_end_ -= x_th_ * du;
+  }
+}
+
+void BodySystem::endPositions(VecX& x, double share) const {
+  const double h = share * input_.step;
+  x.resize(x0_.size());
+  for (int r = 0; r < model_->freeNodes(); ++r) {
+    x.segment<3>(3 * model_->free()[r]) = x0_.segment<3>(3 * model_->free()[r]) + h * v_end_.segment<3>(3 * r);
+  }
+  if (model_->framed()) {
+    const Pose end = palpate::advance(start_.pose, h * u_end_);
+    for (std::size_t k = 0; k < handle().nodes.size(); ++k) {
+      x.segment<3>(3 * handle().nodes[k]) = end.apply(handle().offsets[k]);
+    }
+  }
+}
+
+Vec3 BodySystem::arcOffset(const ContactPoint& point, const VecX& x_end) const {
+  Vec3 offset = Vec3::Zero();
+  for (int k = 0; k < point.count; ++k) {
+    const int node = point.node[k];
+    if (row(node) >= 0) continue;
+    const Vec3 straight = input_.step * (jacobian(node) * u_end_);
+    offset += point.weight[k] * (x_end.segment<3>(3 * node) - x0_.segment<3>(3 * node) - straight);
+  }
+  return offset;
+}
+
+bool BodySystem::advance(double share) {
+  if (!endIsFinite()) return false;
+  BodyState& state = *state_;
+  endPositions(state.positions, share);
+  for (int r = 0; r < model_->freeNodes(); ++r) {
+    state.velocities.segment<3>(3 * model_->free()[r]) = v_end_.segment<3>(3 * r);
+  }
+  if (model_->framed()) {
+    model_->setHandle({palpate::advance(start_.pose, share * input_.step * u_end_), u_end_}, state);
+  }
+  return true;
+}
+
+}  // namespace palpate

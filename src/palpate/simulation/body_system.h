@@ -1,0 +1,169 @@
+#pragma once
+
+#include <array>
+#include <vector>
+
+#include "palpate/contact/contact.h"
+#include "palpate/linear/sparse_cholesky.h"
+#include "palpate/linear/symmetric_block_matrix.h"
+#include "palpate/math/types.h"
+#include "palpate/rigid/link.h"
+#include "palpate/simulation/body_model.h"
+#include "palpate/simulation/body_state.h"
+#include "palpate/simulation/row_selection.h"
+
+namespace palpate {
+
+/// What the visual handle is pulled towards during a step: the device's sample, or where it is predicted to be.
+struct DeviceTarget {
+  Pose pose;
+  Vec6 twist = Vec6::Zero();
+};
+
+/// Given for one step.
+struct StepInput {
+  double step = 0.033;  ///< h [s]
+  Vec3 gravity{0, 0, -9.81};
+  LinkParameters link;
+  DeviceTarget device;
+};
+
+/// The linear system of one body's semi-implicit backward Euler step, and its scratch. It holds nothing that the next
+/// step depends on.
+///
+///     A_tt v + A_th u   = M v0 + h (f + m g)                  + J_t^T lambda        A = (1 + h alpha) M + c K
+///     A_th^T v + A_hh u = M_h u0 + h (G^T f_H + weight + ...) + J_h^T lambda        c = h beta + h^2
+///
+/// with v the velocities of the free nodes and u the handle's twist. The handle is eliminated by the Schur complement
+/// S = A_hh - A_th^T X, X = A_tt^-1 A_th.
+class BodySystem {
+ public:
+  /// @param model  must outlive this
+  explicit BodySystem(const BodyModel& model);
+  const BodyModel& model() const { return *model_; }
+
+  // --- one step, in this order
+  /// Rotations, forces, system; no factorization yet. Renews the state's element rotations.
+  /// @param state  at the start of the step; must stay where it is until advance()
+  void assemble(const StepInput& input, BodyState& state);
+  /// Whether the factor's order still suits contact on these nodes: it has them last, and not for long far too many
+  /// others; or it suits contact anywhere, and there has not been far less of it for long.
+  bool contactNodesFit(const std::vector<int>& needed);
+  /// Whether a point of body `self` needs nodes that should be ordered last and are not.
+  bool lacksNodes(const ContactPoint& point, int self) const;
+  /// Orders the given nodes last in the factor, so that contact on them is cheap; where they are so many that their
+  /// dense block would cost more than it saves, none is (docs/sparse-factorization.md). A new symbolic analysis: rare.
+  void orderContactNodes(const std::vector<int>& nodes);
+  /// Numeric factorization, in the order that the state says. @returns false if A_tt is not positive definite or not
+  /// finite.
+  bool factorize();
+  /// Velocities without contact impulse, also as the end velocities so far.
+  void solveFree();
+  /// End velocities of the free motion under the given contact impulses [N s], rows as in contacts: a prediction before
+  /// contact is solved.
+  /// @param own  contacts in which the body takes part
+  void predict(const std::vector<Contact>& contacts, const ContactRows& own, int self, const VecX& impulse);
+  /// The same after a new factorization of the same system (other nodes ordered last).
+  void solveFreeAgain();
+
+  /// Fills the rows of rows.contacts. Those that are known, from an earlier call in the same step, are kept but for the
+  /// contacts that changed; all of the others come behind them.
+  /// @param contacts  of all bodies
+  /// @param changed   one a contact: whether it is new or another one since that call
+  void contactRows(const std::vector<Contact>& contacts, int self, const std::vector<char>& changed,
+                   BodyContactRows& rows);
+  /// Adds J v of the given contacts to the row velocities of all contacts, for the free motion.
+  void addFreeRowVelocity(const std::vector<Contact>& contacts, const ContactRows& own, int self,
+                          VecX& velocity) const;
+  /// J v of this body's rows for velocities of its free nodes [3 free x columns]: [rows of own x columns].
+  MatX rowVelocity(const std::vector<Contact>& contacts, const ContactRows& own, int self, const MatX& v) const;
+  /// End velocities under contact impulses lambda [rows of all contacts].
+  void applyImpulse(const std::vector<Contact>& contacts, const BodyContactRows& rows, int self, const VecX& lambda);
+  /// Node positions at the end of the step, for the present end velocities.
+  /// @param share  of the step, in [0, 1]: how far along its motion
+  void endPositions(VecX& x, double share = 1.0) const;
+  /// Where the end of the step leaves a point, beside where h times its velocity row would [m]: the attached nodes'
+  /// arcs.
+  Vec3 arcOffset(const ContactPoint& point, const VecX& x_end) const;
+  bool endIsFinite() const { return v_end_.allFinite() && u_end_.allFinite(); }
+  /// Writes the end of the step, or of a part of its motion, into the state that the step started from.
+  /// @returns false (state unchanged) if it is not finite
+  bool advance(double share = 1.0);
+  /// Elastic energy of a state [J]. Where the next step starts from the same state, it needs no rotations and forces of
+  /// its own any more.
+  double elasticEnergy(const BodyState& state) {
+    return model_->elasticity().energyAt(state.positions, state.elastic, ahead_);
+  }
+  /// The state was set from outside: nothing found ahead of the next step holds.
+  void forget() { ahead_.clear(); }
+
+  // --- the step's system, for the linearization and for checks; valid from assemble() to the next assemble()
+  const StepInput& input() const { return input_; }
+  double stiffnessScale() const { return c_; }  ///< c = h beta + h^2
+  const VecX& startPositions() const { return x0_; }
+  const VecX& startVelocities() const { return v0_; }
+  const Pose& startPose() const { return start_.pose; }
+  const Vec6& startTwist() const { return start_.twist; }
+  const VecX& elasticForces() const { return f_; }      ///< at the start, all nodes [N]
+  const MatX& coupling() const { return a_th_; }        ///< A_th, 3 free x 6
+  const MatX& response() const { return x_th_; }        ///< X = A_tt^-1 A_th, 3 free x 6
+  const Mat6& handleStiffness() const { return gkg_; }  ///< G^T K_HH G
+  const Mat6& handleSchurInverse() const { return s_inverse_; }
+  const Mat6& handleMassAtStart() const { return mass0_; }  ///< M_h at the start pose
+  const VecX& endVelocity() const { return v_end_; }        ///< free nodes, 3 free
+  const Vec6& endTwist() const { return u_end_; }
+  SparseCholesky& factor() { return factor_; }
+  const SymmetricBlockMatrix& matrix() const { return a_; }  ///< A_tt
+  const std::vector<int>& contactNodes() const { return last_nodes_; }  ///< ordered last, or for which none is
+  std::size_t analyses() const { return analyses_; }
+
+ private:
+  int row(int node) const { return model_->row()[node]; }
+  const Handle& handle() const { return model_->handle(); }
+  /// G_i at the start pose of an attached node.
+  Eigen::Matrix<double, 3, 6> jacobian(int node) const {
+    return handle().jacobian(model_->attachedIndex()[node], start_.pose);
+  }
+  void assembleRightSides();
+  void pullHandle();
+  void addPull(int element);
+  void assembleHandle();
+  Vec6 handleWrench() const;
+  void addLink(Vec6& wrench);
+  void nodeVelocity(const ContactPoint& point, const VecX& v, const Vec6& u, Vec3& out) const;
+  bool addImpulses(const std::vector<Contact>& contacts, const ContactRows& own, int self, const VecX& impulse,
+                   Vec6& on_handle);
+  void addColumns(const Contact& contact, int self, Eigen::Index column, BodyContactRows& rows);
+  void formDelassus(BodyContactRows& rows);
+  void addHandleDelassus(BodyContactRows& rows) const;
+  void updateDelassus(const std::vector<Contact>& contacts, int self, BodyContactRows& rows);
+  void analyze(const std::vector<int>& nodes);
+
+  const BodyModel* model_;
+  BodyState* state_ = nullptr;  // of the present step
+
+  StepInput input_;
+  double c_ = 0;
+  VecX x0_, v0_, f_;
+  HandleState start_;
+  ElasticAhead ahead_;
+  SymmetricBlockMatrix a_;
+  SparseCholesky factor_;
+  bool analyzed_ = false;
+  std::size_t analyses_ = 0;
+  std::vector<int> last_nodes_;  // that the factor was analyzed for
+  std::vector<int> trailing_;    // node -> index among last_nodes_, -1
+  bool nodes_last_ = true;       // they are; else they were too many, and the order suits contact anywhere
+  std::vector<char> seen_;
+  MatX a_th_, x_th_, rhs_, solution_, prediction_;
+  Eigen::Matrix<double, 4, Eigen::Dynamic> pulled_;  // K G by threes of rows, six columns each, fourth entry idle
+  BlockColumns columns_;                             // J_t^T of contacts, by free rows
+  std::vector<int> changed_;                         // own contacts whose columns they are
+  MatX half_, response_, image_;
+  Mat6 gkg_ = Mat6::Zero(), a_hh_ = Mat6::Zero(), s_inverse_ = Mat6::Zero(), mass0_ = Mat6::Zero();
+  Vec6 b_h_ = Vec6::Zero();
+  VecX v_free_, v_end_, impulse_response_, on_trailing_;
+  Vec6 u_free_ = Vec6::Zero(), u_end_ = Vec6::Zero();
+};
+
+}  // namespace palpate

@@ -1,0 +1,189 @@
+#include "palpate/simulation/island_solver.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
+#include "palpate/common/parallel.h"
+
+namespace palpate {
+namespace {
+
+constexpr double kNegligible = 1e-16;  // m/s of residual, where everything is as good as at rest
+
+// Adds the lower triangles of the bodies' own operators at their places.
+void addLowerTriangles(const ContactSet& set, ContactIsland& island) {
+  MatX& w = island.delassus;
+  w.setZero(island.rows(), island.rows());
+  for (const int b : island.bodies) {
+    const BodyContactRows& own = set.rows[b];
+    for (std::size_t j = 0; j < own.contacts.size(); ++j) {
+      for (std::size_t i = j; i < own.contacts.size(); ++i) {
+        w.block<3, 3>(3 * set.place[own.contacts[i]], 3 * set.place[own.contacts[j]]) +=
+            own.delassus.block<3, 3>(static_cast<Eigen::Index>(3 * i), static_cast<Eigen::Index>(3 * j));
+      }
+    }
+  }
+}
+
+// Sum over the island's bodies, with both triangles; in tiles that stay in the cache.
+void formDelassus(const ContactSet& set, ContactIsland& island) {
+  const Eigen::Index rows = island.rows();
+  MatX& w = island.delassus;
+  const MatX* lower = island.bodies.size() == 1 ? &set.rows[island.bodies.front()].delassus : nullptr;
+  if (lower != nullptr) {
+    w.resize(rows, rows);
+  } else {
+    addLowerTriangles(set, island);
+  }
+  constexpr Eigen::Index kTile = 32;
+  parallelFor(static_cast<int>((rows + kTile - 1) / kTile), [&](int tile) {
+    const Eigen::Index j = tile * kTile, width = std::min(kTile, rows - j);
+    if (lower != nullptr) w.block(j, j, rows - j, width) = lower->block(j, j, rows - j, width);
+    auto diagonal = w.block(j, j, width, width);
+    for (Eigen::Index c = 0; c < width; ++c) {
+      for (Eigen::Index r = c + 1; r < width; ++r) diagonal(c, r) = diagonal(r, c);
+    }
+    for (Eigen::Index i = j + width; i < rows; i += kTile) {
+      const Eigen::Index height = std::min(kTile, rows - i);
+      w.block(j, i, width, height) = w.block(i, j, height, width).transpose();
+    }
+  });
+}
+
+}  // namespace
+
+int IslandSolver::rootOf(int body) {
+  while (root_[body] != body) body = root_[body] = root_[root_[body]];
+  return body;
+}
+
+// Bodies are joined by the contacts that they share.
+void IslandSolver::joinBodies(const MovingBodies& bodies, const ContactSet& set) {
+  root_.resize(static_cast<std::size_t>(bodies.size()));
+  std::iota(root_.begin(), root_.end(), 0);
+  for (const Contact& c : set.contacts) {
+    const int first = bodies.slot(c.first), second = bodies.slot(c.second);
+    if (first < 0 || second < 0) continue;
+    const int a = rootOf(first), b = rootOf(second);
+    root_[std::max(a, b)] = std::min(a, b);
+  }
+}
+
+// Takes an island's matrix and report over from the pass before if it is the same and was solved; false if not.
+bool IslandSolver::keep(const std::vector<char>& changed, const ContactSet& set, ContactIsland& island) {
+  if (set.passes == 1) return false;
+  for (const int i : island.contacts) {
+    if (changed[i]) return false;
+  }
+  ContactIsland& before = before_[set.island[island.contacts.front()]];
+  if (!before.solver.converged || before.contacts != island.contacts) return false;
+  island.delassus.swap(before.delassus);
+  island.solver = before.solver;
+  island.solver.iterations = 0;
+  return true;
+}
+
+void IslandSolver::findIslands(const MovingBodies& bodies, const std::vector<char>& changed, ContactSet& set) {
+  joinBodies(bodies, set);
+  before_.swap(set.islands);
+  of_root_.assign(root_.size(), -1);
+  island_.resize(set.contacts.size());
+  set.place.resize(set.contacts.size());
+  std::size_t count = 0;
+  const auto begin = [&] {
+    if (set.islands.size() == count) set.islands.emplace_back();
+    set.islands[count].contacts.clear();
+    set.islands[count].bodies.clear();
+    return static_cast<int>(count++);
+  };
+  for (std::size_t i = 0; i < set.contacts.size(); ++i) {
+    const Contact& c = set.contacts[i];
+    const int body = std::max(bodies.slot(c.first), bodies.slot(c.second));
+    int alone = -1;  // both stand still: an island of its own
+    int& island = body < 0 ? alone : of_root_[rootOf(body)];
+    if (island < 0) island = begin();
+    island_[i] = island;
+    set.place[i] = static_cast<int>(set.islands[island].contacts.size());
+    set.islands[island].contacts.push_back(static_cast<int>(i));
+  }
+  for (int b = 0; b < bodies.size(); ++b) {
+    const int island = of_root_[rootOf(b)];
+    if (island >= 0) set.islands[island].bodies.push_back(b);
+  }
+  set.islands.resize(count);
+  kept_.assign(count, 0);
+  for (std::size_t k = 0; k < count; ++k) kept_[k] = keep(changed, set, set.islands[k]) ? 1 : 0;
+  set.island.swap(island_);
+}
+
+// The island's problem and where its solution starts from.
+void IslandSolver::gather(const ContactIsland& island, const ContactSet& set, double h, Scratch& own) const {
+  const auto m = static_cast<Eigen::Index>(island.contacts.size());
+  island.gather(set.free, own.free);
+  island.gather(set.impulse, own.impulse);
+  own.bias.resize(m);
+  own.friction.resize(m);
+  own.status.resize(island.contacts.size());
+  for (Eigen::Index k = 0; k < m; ++k) {
+    const int i = island.contacts[k];
+    own.bias[k] = -set.contacts[i].gap / h;
+    own.friction[k] = set.contacts[i].friction;
+    own.status[k] = set.status[i];
+  }
+}
+
+void IslandSolver::solveIsland(std::size_t index, double h, double scale, const ContactSettings& settings,
+                               ContactSet& set) {
+  ContactIsland& island = set.islands[index];
+  Scratch& own = scratch_[index];
+  formDelassus(set, island);
+  gather(island, set, h, own);
+  const double largest = std::max(own.free.lpNorm<Eigen::Infinity>(), own.bias.lpNorm<Eigen::Infinity>());
+  if (largest == 0 || island.delassus.isZero(0.0)) {  // nothing moves towards anything, or nothing can move
+    own.impulse.setZero();
+    own.status.assign(island.contacts.size(), {});
+    island.solver = {true, 0, 0.0};
+  } else {
+    ContactSolverSettings solver = settings.solver;
+    if (std::isfinite(scale)) {
+      solver.tolerance *= scale / largest;
+      solver.acceptable *= scale / largest;
+    }
+    solver.tolerance = std::max(solver.tolerance, kNegligible / largest);
+    const ContactProblem problem{island.delassus, own.free, own.bias, own.friction, settings.cone};
+    island.solver = own.solver.solve(problem, solver, own.impulse, own.status);
+  }
+  island.scatter(own.impulse, set.impulse);
+  for (std::size_t k = 0; k < island.contacts.size(); ++k) set.status[island.contacts[k]] = own.status[k];
+}
+
+// At the same time, unless one is most of the work: its own loops are shared out then.
+void IslandSolver::solve(double h, double scale, const ContactSettings& settings, ContactSet& set) {
+  constexpr double kMost = 0.7;
+  if (scratch_.size() < set.islands.size()) scratch_.resize(set.islands.size());
+  double work = 0, most = 0;
+  for (std::size_t k = 0; k < set.islands.size(); ++k) {
+    if (kept_[k]) continue;
+    const double own = static_cast<double>(set.islands[k].contacts.size());
+    work += own * own * own;
+    most = std::max(most, own * own * own);
+  }
+  const auto solveOne = [&](int k) {
+    if (!kept_[k]) solveIsland(static_cast<std::size_t>(k), h, scale, settings, set);
+  };
+  const int count = static_cast<int>(set.islands.size());
+  if (most > kMost * work) {
+    for (int k = 0; k < count; ++k) solveOne(k);
+  } else {
+    parallelFor(count, solveOne);
+  }
+  set.solver = {true, 0, 0.0};
+  for (const ContactIsland& island : set.islands) {
+    set.solver.converged = set.solver.converged && island.solver.converged;
+    set.solver.iterations = std::max(set.solver.iterations, island.solver.iterations);
+    set.solver.residual = std::max(set.solver.residual, island.solver.residual);
+  }
+}
+
+}  // namespace palpate

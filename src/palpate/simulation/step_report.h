@@ -1,0 +1,45 @@
+#pragma once
+
+namespace palpate {
+
+/// Wall-clock parts of a visual step [s].
+struct StepTimes {
+  double assemble = 0;   ///< element rotations, forces, matrices
+  double factorize = 0;  ///< ordering where renewed, numeric factorization
+  double solve = 0;      ///< free motion, handle's Schur complement
+  double contact = 0;    ///< finding, reducing, Delassus operator, contact solver, passes
+  double advance = 0;
+  double total() const { return assemble + factorize + solve + contact + advance; }
+  StepTimes& operator+=(const StepTimes& other) {
+    assemble += other.assemble;
+    factorize += other.factorize;
+    solve += other.solve;
+    contact += other.contact;
+    advance += other.advance;
+    return *this;
+  }
+};
+
+enum class StepStatus {
+  ok,
+  contact_not_converged,  ///< the step counts; the residual says how far off it is
+  restored,               ///< the step failed (not positive definite, not finite): last good state, at rest
+};
+
+/// What one step did.
+struct StepReport {
+  StepStatus status = StepStatus::ok;
+  StepTimes times;
+  int contacts_found = 0;  ///< surface vertices within reach, before reduction
+  int contacts = 0;        ///< after reduction
+  int active = 0, sticking = 0, sliding = 0;
+  int solver_iterations = 0;
+  double solver_residual = 0;  ///< [m/s]
+  int passes = 0;
+  double penetration = 0;                         ///< deepest surface point in another solid at the end of the step [m]
+  double motion_share = 1;                        ///< least share of its motion that a body was let go without crossing
+  double kinetic_energy = 0, elastic_energy = 0;  ///< [J], at the end
+  bool failed() const { return status == StepStatus::restored; }
+};
+
+}  // namespace palpate
