@@ -19,8 +19,8 @@ namespace {
 
 using namespace test;
 
-constexpr double pi = std::numbers::pi;
-constexpr double tolerance = 1e-10;
+constexpr double kPi = std::numbers::pi;
+constexpr double kTolerance = 1e-10;
 
 /// One contact of a point mass: W = 1 / mass.
 OwnedProblem pointMass(double mass, double mu, const Vec3& free, const FrictionCone& cone) {
@@ -39,7 +39,7 @@ void expectContactLaw(const OwnedProblem& p, const Solution& s, const std::strin
   SCOPED_TRACE(what);
   const double slack = 1e-9 * velocityScale(p);
   EXPECT_TRUE(s.report.converged) << s.report.iterations << " iterations, residual " << s.report.residual;
-  EXPECT_LE(contactResidual(p.view(), s.lambda), tolerance * velocityScale(p) * 1.01);
+  EXPECT_LE(contactResidual(p.view(), s.lambda), kTolerance * velocityScale(p) * 1.01);
   ASSERT_EQ(s.status.size(), static_cast<std::size_t>(p.contacts()));
   for (int i = 0; i < p.contacts(); ++i) {
     SCOPED_TRACE(i);
@@ -77,7 +77,7 @@ void expectContactLaw(const OwnedProblem& p, const Solution& s, const std::strin
     const int facets = p.cone.facets;
     double depth = 1e300;
     for (int k = 0; k < facets; ++k) {
-      depth = std::min(depth, mu * n * std::cos(pi / facets) - t.dot(edgeNormal(k, facets).tail<2>()));
+      depth = std::min(depth, mu * n * std::cos(kPi / facets) - t.dot(edgeNormal(k, facets).tail<2>()));
     }
     EXPECT_GE(depth, -rounding);
     if (status.state == ContactState::stick) {
@@ -87,9 +87,9 @@ void expectContactLaw(const OwnedProblem& p, const Solution& s, const std::strin
       EXPECT_LE((t - mu * n * vertexDirection(status.index, facets).tail<2>()).norm(), rounding);
     }
     if (status.state == ContactState::edge) {
-      EXPECT_NEAR(t.dot(edgeNormal(status.index, facets).tail<2>()), mu * n * std::cos(pi / facets), rounding);
+      EXPECT_NEAR(t.dot(edgeNormal(status.index, facets).tail<2>()), mu * n * std::cos(kPi / facets), rounding);
       EXPECT_LT(std::abs(t.dot(edgeTangent(status.index, facets).tail<2>())),
-                mu * n * std::sin(pi / facets) + rounding);
+                mu * n * std::sin(kPi / facets) + rounding);
     }
   }
 }
@@ -99,9 +99,9 @@ TEST(ConeDirections, AreThoseOfTheInscribedPolygon) {
     EXPECT_LT((vertexDirection(0, facets) - Vec3(0, 1, 0)).norm(), 1e-15);
     for (int k = -1; k <= facets; ++k) {
       const Vec3 a = vertexDirection(k, facets), b = vertexDirection(k + 1, facets);
-      EXPECT_NEAR(std::atan2(a.cross(b)[0], a.dot(b)), 2 * pi / facets, 1e-14);
-      EXPECT_NEAR(edgeNormal(k, facets).dot(a), std::cos(pi / facets), 1e-14);
-      EXPECT_NEAR(edgeNormal(k, facets).dot(b), std::cos(pi / facets), 1e-14);
+      EXPECT_NEAR(std::atan2(a.cross(b)[0], a.dot(b)), 2 * kPi / facets, 1e-14);
+      EXPECT_NEAR(edgeNormal(k, facets).dot(a), std::cos(kPi / facets), 1e-14);
+      EXPECT_NEAR(edgeNormal(k, facets).dot(b), std::cos(kPi / facets), 1e-14);
       EXPECT_LT((edgeTangent(k, facets) - (b - a).normalized()).norm(), 1e-13);
     }
   }
@@ -145,7 +145,7 @@ TEST(ContactSolver, PicksTheVertexOfMostDissipation) {
   const int facets = 8;
   for (int k = 0; k < facets; ++k) {
     for (double off : {-0.35, 0.0, 0.35}) {  // of the velocity, fast enough to stay within half a sector, 0.39
-      const double angle = 2 * pi * k / facets + pi + off;
+      const double angle = 2 * kPi * k / facets + kPi + off;
       const OwnedProblem p = pointMass(2.0, 0.5, {-1.0, 30 * std::cos(angle), 30 * std::sin(angle)}, polygon(facets));
       const Solution s = solve(p);
       EXPECT_EQ(s.status[0], (ContactStatus{ContactState::vertex, k}));
@@ -163,7 +163,7 @@ TEST(ContactSolver, EndsOnTheEdgeWhereOneDirectionStops) {
     const Vec3 free = Vec3(-1, 0, 0) - 0.6 * m - 0.1 * e;
     const Solution s = solve(pointMass(2.0, 0.5, free, polygon(facets)));
     EXPECT_EQ(s.status[0], (ContactStatus{ContactState::edge, k}));
-    const Vec3 expected = Vec3(2, 0, 0) + std::cos(pi / facets) * m + 0.2 * e;
+    const Vec3 expected = Vec3(2, 0, 0) + std::cos(kPi / facets) * m + 0.2 * e;
     EXPECT_LT((s.lambda - expected).norm(), 1e-12);
   }
 }

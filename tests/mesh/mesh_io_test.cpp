@@ -126,7 +126,7 @@ TEST(SurfaceIo, RefusesBadFilesInOneLine) {
 TEST(SurfaceIo, StatesItsLimit) {
   // One polygon with more corners than triangles are allowed.
   std::string data = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2";
-  for (int i = 0; i < largest_surface + 2; ++i) data += " 3";
+  for (int i = 0; i < kLargestSurface + 2; ++i) data += " 3";
   EXPECT_NE(complaint(data, SurfaceFormat::obj).find("more than 2000000 triangles"), std::string::npos);
 }
 

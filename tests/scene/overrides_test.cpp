@@ -8,7 +8,7 @@
 namespace palpate {
 namespace {
 
-SceneConfig fullScene() { return readSceneFromString(full_scene, "s.yaml"); }
+SceneConfig fullScene() { return readSceneFromString(kFullScene, "s.yaml"); }
 
 std::string rejectedOverride(const Overrides& overrides) {
   SceneConfig scene = fullScene();
@@ -90,14 +90,14 @@ TEST(Overrides, RejectBadValuesByOption) {
 }
 
 TEST(Overrides, DeviceNeedsARecording) {
-  SceneConfig scene = readSceneFromString(small_scene, "s.yaml");
+  SceneConfig scene = readSceneFromString(kSmallScene, "s.yaml");
   EXPECT_EQ(rejection([&] { applyOverrides(scene, {.device = "recorded"}); }),
             "--device: a recording is needed; write recorded:FILE");
 }
 
 TEST(Overrides, TetrahedraNeedAnEmbeddedSurface) {
   SceneConfig scene = readSceneFromString(
-      replaced(small_scene, "{sphere: {radius: 0.05}}", "{bar: {size: [0.1, 0.1, 0.1], cells: [2, 2, 2]}}"), "s.yaml");
+      replaced(kSmallScene, "{sphere: {radius: 0.05}}", "{bar: {size: [0.1, 0.1, 0.1], cells: [2, 2, 2]}}"), "s.yaml");
   EXPECT_EQ(rejection([&] { applyOverrides(scene, {.tetrahedra = 300}); }),
             "--tetrahedra: the scene's tool has tetrahedra of its own; only embedded surfaces take a count");
 }

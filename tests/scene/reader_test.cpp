@@ -8,7 +8,7 @@
 namespace palpate {
 namespace {
 
-constexpr double pi = std::numbers::pi;
+constexpr double kPi = std::numbers::pi;
 
 SceneConfig read(const std::string& text) { return readSceneFromString(text, "s.yaml"); }
 
@@ -18,7 +18,7 @@ std::string rejectedText(const std::string& text) {
 
 /// What the reader says to the full scene with one change.
 std::string rejectedChange(const std::string& from, const std::string& to) {
-  return rejectedText(replaced(full_scene, from, to));
+  return rejectedText(replaced(kFullScene, from, to));
 }
 
 void expectClose(const Vec3& actual, const Vec3& expected) {
@@ -26,7 +26,7 @@ void expectClose(const Vec3& actual, const Vec3& expected) {
 }
 
 TEST(SceneReader, ReadsTheRun) {
-  const SceneConfig scene = read(full_scene);
+  const SceneConfig scene = read(kFullScene);
   EXPECT_EQ(scene.name, "everything");
   EXPECT_EQ(scene.description, "all keys");
   expectClose(scene.gravity, {0.1, -0.2, -9.5});
@@ -45,14 +45,14 @@ TEST(SceneReader, ReadsTheRun) {
 }
 
 TEST(SceneReader, PicturesLookFromWhereTheSceneSaysOrFromTheToolsFront) {
-  expectClose(read(full_scene).viewFrom(), {0, -0.6, 0.8});
+  expectClose(read(kFullScene).viewFrom(), {0, -0.6, 0.8});
   const Vec3 alien = Vec3(0.5, 0.95, 0.42).normalized();
-  expectClose(read(replaced(full_scene, "view: {from: [0, -3, 4]}\n", "")).viewFrom(), alien);
-  expectClose(read(small_scene).viewFrom(), {-alien.x(), -alien.y(), alien.z()});
+  expectClose(read(replaced(kFullScene, "view: {from: [0, -3, 4]}\n", "")).viewFrom(), alien);
+  expectClose(read(kSmallScene).viewFrom(), {-alien.x(), -alien.y(), alien.z()});
 }
 
 TEST(SceneReader, ReadsContactLinkDeviceAndSafety) {
-  const SceneConfig scene = read(full_scene);
+  const SceneConfig scene = read(kFullScene);
   EXPECT_TRUE(scene.contact.settings.cone.exact);
   EXPECT_EQ(scene.contact.settings.cone.facets, 12);
   EXPECT_EQ(scene.contact.friction, 0.7);
@@ -92,14 +92,14 @@ TEST(SceneReader, ReadsContactLinkDeviceAndSafety) {
 }
 
 TEST(SceneReader, LinkIsWhatTheDeviceAllowsButForItsOwnKeys) {
-  const SceneConfig scene = read(replaced(full_scene, "damping: 4, ", ""));
+  const SceneConfig scene = read(replaced(kFullScene, "damping: 4, ", ""));
   EXPECT_EQ(scene.link.stiffness, 600.0);
   EXPECT_EQ(scene.link.damping, 6.0);  // of the device's limits, which come later in the file
   EXPECT_EQ(scene.link.rotational_stiffness, 0.9);
 }
 
 TEST(SceneReader, ReadsTheTool) {
-  const ToolConfig tool = read(full_scene).tool;
+  const ToolConfig tool = read(kFullScene).tool;
   EXPECT_EQ(tool.name, "tool");
   EXPECT_EQ(std::get<AlienShapeConfig>(tool.shape).height, 0.3);
   EXPECT_EQ(std::get<AlienShapeConfig>(tool.shape).resolution, 0.03);
@@ -116,7 +116,7 @@ TEST(SceneReader, ReadsTheTool) {
 }
 
 TEST(SceneReader, ReadsPartsWhichTakeOverWhatTheyLeaveOut) {
-  const MaterialConfig material = read(full_scene).tool.material;
+  const MaterialConfig material = read(kFullScene).tool.material;
   ASSERT_EQ(material.parts.size(), 2U);
   expectClose(std::get<HalfspaceRegionConfig>(material.parts[0].region).point, {0, 0, 0.2});
   EXPECT_EQ(material.parts[0].youngs_modulus, 5e4);
@@ -129,12 +129,12 @@ TEST(SceneReader, ReadsPartsWhichTakeOverWhatTheyLeaveOut) {
   // wherever the body's own values stand
   const std::string parts_first =
       "material: {parts: [{region: {sphere: {center: [0, 0, 0], radius: 1}}, youngs_modulus: 1}], density: 77}";
-  const SceneConfig scene = read(replaced(small_scene, "  handles:", "  " + parts_first + "\n  handles:"));
+  const SceneConfig scene = read(replaced(kSmallScene, "  handles:", "  " + parts_first + "\n  handles:"));
   EXPECT_EQ(scene.tool.material.parts[0].density, 77.0);
 }
 
 TEST(SceneReader, ReadsFrictionPairs) {
-  const ContactConfig contact = read(full_scene).contact;
+  const ContactConfig contact = read(kFullScene).contact;
   ASSERT_EQ(contact.pairs.size(), 3U);
   EXPECT_EQ(contact.pairs[0].first, "tool");
   EXPECT_EQ(contact.pairs[0].second, "ground");
@@ -145,13 +145,13 @@ TEST(SceneReader, ReadsFrictionPairs) {
 }
 
 TEST(SceneReader, ReadsAutomaticSubsteps) {
-  const SceneConfig scene = read(replaced(full_scene, "substeps: 3", "substeps: auto"));
+  const SceneConfig scene = read(replaced(kFullScene, "substeps: 3", "substeps: auto"));
   EXPECT_TRUE(scene.substeps_auto);
   EXPECT_EQ(scene.substeps, 1);
 }
 
 TEST(SceneReader, ReadsHandles) {
-  const ToolConfig tool = read(full_scene).tool;
+  const ToolConfig tool = read(kFullScene).tool;
   ASSERT_EQ(tool.handles.size(), 5U);
   EXPECT_EQ(tool.handle, "grip");
   EXPECT_EQ(&tool.chosenHandle(), &tool.handles[1]);
@@ -173,18 +173,18 @@ TEST(SceneReader, ReadsHandles) {
   ASSERT_EQ(grip.hand.keyframes.size(), 2U);
   EXPECT_EQ(grip.hand.keyframes[1].time, 1.5);
   expectClose(grip.hand.keyframes[1].position, {0.01, 0.02, 0.03});
-  expectClose(grip.hand.keyframes[1].rotation, {0, pi, 0});
+  expectClose(grip.hand.keyframes[1].rotation, {0, kPi, 0});
 }
 
 TEST(SceneReader, ReadsBodies) {
-  const SceneConfig scene = read(full_scene);
+  const SceneConfig scene = read(kFullScene);
   ASSERT_EQ(scene.bodies.size(), 7U);
   const FreeBodyConfig& cushion = scene.bodies[0];
   EXPECT_EQ(cushion.name, "cushion");
   expectClose(std::get<BarShapeConfig>(cushion.shape).size, {0.1, 0.2, 0.3});
   EXPECT_EQ(std::get<BarShapeConfig>(cushion.shape).cells, (std::array<int, 3>{2, 3, 4}));
   expectClose(cushion.velocity, {1, 2, 3});
-  expectClose(cushion.angular_velocity, {pi, 0, 0});
+  expectClose(cushion.angular_velocity, {kPi, 0, 0});
   EXPECT_EQ(cushion.friction, 0.2);
   EXPECT_TRUE(cushion.settled);
   const auto& surface = std::get<SurfaceShapeConfig>(scene.bodies[1].shape);
@@ -210,7 +210,7 @@ TEST(SceneReader, ReadsBodies) {
 }
 
 TEST(SceneReader, ReadsObstacles) {
-  const SceneConfig scene = read(full_scene);
+  const SceneConfig scene = read(kFullScene);
   ASSERT_EQ(scene.obstacles.size(), 5U);
   const auto& plane = std::get<PlaneObstacleConfig>(scene.obstacles[0].geometry);
   EXPECT_EQ(scene.obstacles[0].name, "ground");
@@ -235,7 +235,7 @@ TEST(SceneReader, ReadsObstacles) {
 }
 
 TEST(SceneReader, SmallSceneHasTheDefaultsOfItsStructs) {
-  const SceneConfig scene = read(small_scene);
+  const SceneConfig scene = read(kSmallScene);
   const SceneConfig defaults;
   EXPECT_EQ(scene.gravity, defaults.gravity);
   EXPECT_EQ(scene.duration, defaults.duration);
@@ -272,7 +272,7 @@ TEST(SceneReader, NumbersReadToTheLastDigit) {
                                                    {"2.5E+1", 25.0},
                                                    {"7.", 7.0},
                                                    {"1.7976931348623157", 1.7976931348623157}}) {
-    EXPECT_EQ(read(small_scene + "duration: " + text).duration, value) << text;
+    EXPECT_EQ(read(kSmallScene + "duration: " + text).duration, value) << text;
   }
 }
 
@@ -295,7 +295,7 @@ TEST(SceneReader, UnknownKeysGetTheNearestKnownOne) {
       "s.yaml: tool.handles.grip.hand (line 53): unknown key \"key_frames\"; the nearest known key is \"keyframes\"");
   EXPECT_EQ(rejectedChange("{alien:", "{allien:"),
             "s.yaml: tool.shape (line 29): unknown key \"allien\"; the nearest known key is \"alien\"");
-  const std::string strange = rejectedText(small_scene + "\"a\\nb" + std::string(500, 'x') + "\": 1\n");
+  const std::string strange = rejectedText(kSmallScene + "\"a\\nb" + std::string(500, 'x') + "\": 1\n");
   EXPECT_EQ(strange.find('\n'), std::string::npos);
   EXPECT_LT(strange.size(), 200U);
 }
@@ -327,7 +327,7 @@ TEST_P(SceneReaderRejects, NamesKeyAndCause) {
   EXPECT_EQ(message.find('\n'), std::string::npos) << message;
 }
 
-const BadChange bad_types[] = {
+const BadChange kBadTypes[] = {
     {"duration: 7", "duration: long", "duration (", "\"long\" is not a number"},
     {"duration: 7", "duration: 7s", "duration (", "\"7s\" is not a number"},
     {"duration: 7", "duration:", "duration (", "has no value"},
@@ -354,7 +354,7 @@ const BadChange bad_types[] = {
     {"cells: [2, 3, 4]", "cells: [2, 3, 4.5]", "bodies[0].shape.bar.cells[2] (", "not a whole number"},
 };
 
-const BadChange bad_ranges[] = {
+const BadChange kBadRanges[] = {
     {"duration: 7", "duration: 0", "duration (", "above 0 and at most 3600 s"},
     {"duration: 7", "duration: 4000", "duration (", "above 0 and at most 3600 s"},
     {"visual: {step: 0.02, substeps: 3}", "visual: {step: 0}", "visual.step (", "above 0 and at most 1 s"},
@@ -416,7 +416,7 @@ const BadChange bad_ranges[] = {
     {"model_age_limit: 0.2", "model_age_limit: 0", "safety.model_age_limit (", "above 0"},
 };
 
-const BadChange bad_contact[] = {
+const BadChange kBadContact[] = {
     {"substeps: 3", "substeps: 0", "visual.substeps (", "at least 1 and at most 1000"},
     {"substeps: 3", "substeps: 2.5", "visual.substeps (", "2.5 is not a whole number"},
     {"substeps: 3", "substeps: many", "visual.substeps (", "\"many\" is neither auto nor a number"},
@@ -435,7 +435,7 @@ const BadChange bad_contact[] = {
     {"ground], friction: 0.8", "ground]", "contact.pairs[0] (", "the key \"friction\" is missing"},
 };
 
-const BadChange bad_bodies[] = {
+const BadChange kBadBodies[] = {
     {"youngs_modulus: 5.0e4", "youngs_modulus: 0", "tool.material.parts[0].youngs_modulus (", "above 0"},
     {", youngs_modulus: 5.0e4", "", "tool.material.parts[0] (", "the key \"youngs_modulus\" is missing"},
     {"poisson_ratio: 0.2", "poisson_ratio: 0.5", "tool.material.parts[1].poisson_ratio (", "below 0.5"},
@@ -463,7 +463,7 @@ const BadChange bad_bodies[] = {
     {"{box: {size: [0.1, 0.1, 0.001]}}", "{}", "obstacles[4].mesh.shape (", "has 0 of the keys alien"},
 };
 
-const BadChange bad_references[] = {
+const BadChange kBadReferences[] = {
     {"handle: grip", "handle: gripp", "tool.handle (", "the tool has no handle \"gripp\"; the nearest is \"grip\""},
     {"name: left_hand", "name: tail", "tool.handles.grip.region.landmark.name (", "not one of head"},
     {"shape: {alien: {height: 0.3, resolution: 0.03}}", "shape: {sphere: {radius: 0.1}}",
@@ -493,11 +493,11 @@ const BadChange bad_references[] = {
     {"type: recorded", "type: omni", "device.type (", "not one of simulated, prescribed, recorded"},
 };
 
-INSTANTIATE_TEST_SUITE_P(Types, SceneReaderRejects, testing::ValuesIn(bad_types));
-INSTANTIATE_TEST_SUITE_P(Ranges, SceneReaderRejects, testing::ValuesIn(bad_ranges));
-INSTANTIATE_TEST_SUITE_P(Contact, SceneReaderRejects, testing::ValuesIn(bad_contact));
-INSTANTIATE_TEST_SUITE_P(Bodies, SceneReaderRejects, testing::ValuesIn(bad_bodies));
-INSTANTIATE_TEST_SUITE_P(References, SceneReaderRejects, testing::ValuesIn(bad_references));
+INSTANTIATE_TEST_SUITE_P(Types, SceneReaderRejects, testing::ValuesIn(kBadTypes));
+INSTANTIATE_TEST_SUITE_P(Ranges, SceneReaderRejects, testing::ValuesIn(kBadRanges));
+INSTANTIATE_TEST_SUITE_P(Contact, SceneReaderRejects, testing::ValuesIn(kBadContact));
+INSTANTIATE_TEST_SUITE_P(Bodies, SceneReaderRejects, testing::ValuesIn(kBadBodies));
+INSTANTIATE_TEST_SUITE_P(References, SceneReaderRejects, testing::ValuesIn(kBadReferences));
 
 TEST(SceneReader, RejectsTooManyOfAnything) {
   const auto list = [](const std::string& item, int count) {
@@ -505,14 +505,14 @@ TEST(SceneReader, RejectsTooManyOfAnything) {
     for (int i = 0; i < count; ++i) text += (i > 0 ? ", " : "") + item;
     return text + "]";
   };
-  EXPECT_NE(rejectedText(small_scene + "obstacles: " + list("{plane: {}}", 1001)).find("at most 1000"),
+  EXPECT_NE(rejectedText(kSmallScene + "obstacles: " + list("{plane: {}}", 1001)).find("at most 1000"),
             std::string::npos);
-  EXPECT_NE(rejectedText(small_scene + "bodies: " + list("{shape: {alien: {}}}", 101)).find("at most 100"),
+  EXPECT_NE(rejectedText(kSmallScene + "bodies: " + list("{shape: {alien: {}}}", 101)).find("at most 100"),
             std::string::npos);
   EXPECT_NE(
-      rejectedText(small_scene + "      hand: {keyframes: " + list("{t: 1}", 10001) + "}\n").find("at most 10000"),
+      rejectedText(kSmallScene + "      hand: {keyframes: " + list("{t: 1}", 10001) + "}\n").find("at most 10000"),
       std::string::npos);
-  std::string many_handles = small_scene;
+  std::string many_handles = kSmallScene;
   for (int i = 0; i < 50; ++i)
     many_handles += fmt::format("    h{}: {{region: {{sphere: {{center: [0, 0, 0], radius: 1}}}}}}\n", i);
   EXPECT_NE(rejectedText(many_handles).find("tool.handles (line 6): has 51 entries; at most 50"), std::string::npos);
@@ -521,14 +521,14 @@ TEST(SceneReader, RejectsTooManyOfAnything) {
 }
 
 TEST(SceneReader, RejectsARunThatIsTooLongForItsStep) {
-  EXPECT_EQ(rejectedText(small_scene + "duration: 3600\nhaptic: {step: 0.0001}\nvisual: {step: 0.01}\n"),
+  EXPECT_EQ(rejectedText(kSmallScene + "duration: 3600\nhaptic: {step: 0.0001}\nvisual: {step: 0.01}\n"),
             "s.yaml: visual.step: 3600 s at a haptic step of 0.0001 s are more than 1e+07 ticks");
 }
 
 // An alias bomb cannot grow: the schema bounds every list by a count, and aliases are not copied.
 TEST(SceneReader, AliasesWorkWithinTheSchema) {
   const SceneConfig scene =
-      read(small_scene + "gravity: &g [0, 0, -1]\nbodies: [&b {shape: {sphere: {radius: 0.1}}, velocity: *g}, *b]\n");
+      read(kSmallScene + "gravity: &g [0, 0, -1]\nbodies: [&b {shape: {sphere: {radius: 0.1}}, velocity: *g}, *b]\n");
   ASSERT_EQ(scene.bodies.size(), 2U);
   EXPECT_EQ(scene.bodies[1].name, "body-2");
   expectClose(scene.bodies[1].velocity, {0, 0, -1});

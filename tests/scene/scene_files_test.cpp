@@ -34,30 +34,30 @@ class SceneFiles : public testing::Test {
   fs::path folder_;
 };
 
-const std::string surface_scene = replaced(small_scene, "{sphere: {radius: 0.05}}", "{surface: {file: meshes/a.obj}}");
-const std::string package_scene =
-    replaced(small_scene, "{sphere: {radius: 0.05}}", "{surface: {package: toys-data, file: models/a.obj}}");
+const std::string kSurfaceScene = replaced(kSmallScene, "{sphere: {radius: 0.05}}", "{surface: {file: meshes/a.obj}}");
+const std::string kPackageScene =
+    replaced(kSmallScene, "{sphere: {radius: 0.05}}", "{surface: {package: toys-data, file: models/a.obj}}");
 
 TEST_F(SceneFiles, FindsSurfacesBesideTheScene) {
   const fs::path mesh = write("meshes/a.obj", "");
-  const SceneConfig scene = readScene(write("s.yaml", surface_scene));
+  const SceneConfig scene = readScene(write("s.yaml", kSurfaceScene));
   EXPECT_TRUE(fs::equivalent(std::get<SurfaceShapeConfig>(scene.tool.shape).file.path, mesh));
 }
 
 TEST_F(SceneFiles, FindsAbsoluteFiles) {
   const fs::path mesh = write("elsewhere/a.obj", "");
-  const SceneConfig scene = readScene(write("s.yaml", replaced(surface_scene, "meshes/a.obj", mesh.string())));
+  const SceneConfig scene = readScene(write("s.yaml", replaced(kSurfaceScene, "meshes/a.obj", mesh.string())));
   EXPECT_EQ(std::get<SurfaceShapeConfig>(scene.tool.shape).file.path, mesh);
 }
 
 TEST_F(SceneFiles, NamesAMissingSurface) {
-  const fs::path file = write("s.yaml", surface_scene);
+  const fs::path file = write("s.yaml", kSurfaceScene);
   EXPECT_EQ(rejection([&] { readScene(file); }),
             file.string() + ": tool.shape.surface.file: no such file \"" + (folder_ / "meshes/a.obj").string() + "\"");
 }
 
 TEST_F(SceneFiles, NamesTheSurfaceOfAnObstacle) {
-  const std::string text = small_scene + "obstacles:\n  - {mesh: {shape: {surface: {file: rock.ply}}}}\n";
+  const std::string text = kSmallScene + "obstacles:\n  - {mesh: {shape: {surface: {file: rock.ply}}}}\n";
   const fs::path file = write("s.yaml", text);
   EXPECT_NE(rejection([&] { readScene(file); }).find(": obstacles[0].mesh.shape.surface.file: no such file"),
             std::string::npos);
@@ -68,14 +68,14 @@ TEST_F(SceneFiles, NamesTheSurfaceOfAnObstacle) {
 }
 
 TEST_F(SceneFiles, NamesAMissingRecording) {
-  const fs::path file = write("s.yaml", small_scene + "device: {type: recorded, file: m.csv}\n");
+  const fs::path file = write("s.yaml", kSmallScene + "device: {type: recorded, file: m.csv}\n");
   EXPECT_NE(rejection([&] { readScene(file); }).find(": device.file: no such file"), std::string::npos);
 }
 
 TEST_F(SceneFiles, SearchesPackagesWithAndWithoutTheirSuffix) {
   for (const char* place : {"one/toys-data/models/a.obj", "two/toys/models/a.obj"}) {
     const fs::path mesh = write(place, "");
-    SceneConfig scene = readSceneFromString(package_scene, "s.yaml");
+    SceneConfig scene = readSceneFromString(kPackageScene, "s.yaml");
     resolveFiles(scene, {folder_ / "one", folder_ / "two"});
     EXPECT_EQ(std::get<SurfaceShapeConfig>(scene.tool.shape).file.path, mesh);
     fs::remove(mesh);
@@ -83,7 +83,7 @@ TEST_F(SceneFiles, SearchesPackagesWithAndWithoutTheirSuffix) {
 }
 
 TEST_F(SceneFiles, NamesTheMissingPackage) {
-  SceneConfig scene = readSceneFromString(package_scene, "s.yaml");
+  SceneConfig scene = readSceneFromString(kPackageScene, "s.yaml");
   scene.file = "s.yaml";
   EXPECT_EQ(
       rejection([&] { resolveFiles(scene, {folder_}); }),

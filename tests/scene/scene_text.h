@@ -34,7 +34,7 @@ inline std::string replaced(std::string text, const std::string& from, const std
 }
 
 /// A scene in which every part of the schema appears, with values that are no defaults.
-inline const std::string full_scene = R"(palpate: 1
+inline const std::string kFullScene = R"(palpate: 1
 name: everything
 description: all keys
 gravity: [0.1, -0.2, -9.5]
@@ -137,7 +137,7 @@ weight_compensation: true
 )";
 
 /// The least that a scene can be.
-inline const std::string small_scene = R"(palpate: 1
+inline const std::string kSmallScene = R"(palpate: 1
 name: small
 tool:
   shape: {sphere: {radius: 0.05}}

@@ -13,15 +13,15 @@ namespace {
 using Vec2 = Eigen::Vector2d;
 using MapX = Eigen::Map<MatX>;
 
-constexpr double near_border = 0.95;    // how much of the way to the border a step may go
-constexpr double least_center = 0.03;   // products are aimed at no less than this part of what they are
-constexpr double back_to_center = 0.7;  // and at this one after a short step
-constexpr double short_step = 0.3;
+constexpr double kNearBorder = 0.95;   // how much of the way to the border a step may go
+constexpr double kLeastCenter = 0.03;  // products are aimed at no less than this part of what they are
+constexpr double kBackToCenter = 0.7;  // and at this one after a short step
+constexpr double kShortStep = 0.3;
 // Damping: least and most, change after a step that was too short, and after one that was not.
-constexpr double least_damping = 1e-11;
-constexpr double most_damping = 1e-2;
-constexpr double damping_up = 100.0;
-constexpr double damping_down = 0.1;
+constexpr double kLeastDamping = 1e-11;
+constexpr double kMostDamping = 1e-2;
+constexpr double kDampingUp = 100.0;
+constexpr double kDampingDown = 0.1;
 
 /// A rough contact's cone as linear inequalities or a second-order cone: slack s = G lambda lies in the self-dual C,
 /// which is the positive orthant (a row for each edge of the polygon) or the round cone |(s_1, s_2)| <= s_0.
@@ -171,7 +171,7 @@ void InteriorPoint::start(const ContactProblem& problem, const VecX& rho, double
     count_ += cone.degree();
   }
   length_ = 1.0;
-  damping_ = least_damping;
+  damping_ = kLeastDamping;
 }
 
 /// Mean product after a part of the step.
@@ -223,7 +223,7 @@ double InteriorPoint::findStep(const ContactProblem& problem, double aim) {
     impulse_step_.segment<2>(3 * i + 1) += cone.back(&dual_target_[at]).tail<2>();
   }
   luSolve(MapX(matrix_.data(), rows, rows), pivots_, impulse_step_);
-  double length = 1.0 / near_border;
+  double length = 1.0 / kNearBorder;
   dual_step_ = dual_target_;
   for (Eigen::Index i = 0; i < m; ++i) {
     const double normal = impulse_step_[3 * i];
@@ -237,7 +237,7 @@ double InteriorPoint::findStep(const ContactProblem& problem, double aim) {
     cone.dualStep(&slack_[at], &dual_[at], &slack_step_[at], &dual_step_[at]);
     length = std::min({length, cone.longest(&slack_[at], &slack_step_[at]), cone.longest(&dual_[at], &dual_step_[at])});
   }
-  return near_border * length;
+  return kNearBorder * length;
 }
 
 bool InteriorPoint::iterate(const ContactProblem& problem, const VecX& rho) {
@@ -251,7 +251,7 @@ bool InteriorPoint::iterate(const ContactProblem& problem, const VecX& rho) {
       count_;
   const double reach = findStep(problem, 0.0);
   const double reached = products(reach);
-  const bool stuck = length_ < short_step;  // back to the middle, without the corrector's second-order term
+  const bool stuck = length_ < kShortStep;  // back to the middle, without the corrector's second-order term
   if (stuck) {
     slack_step_.setZero();
     dual_step_.setZero();
@@ -259,12 +259,12 @@ bool InteriorPoint::iterate(const ContactProblem& problem, const VecX& rho) {
     for (Eigen::Index i = 0; i < surplus_.size(); ++i) normal_products_[i] = impulse_step_[3 * i] * surplus_step_[i];
   }
   const double part = std::pow(std::clamp(reached / average, 0.0, 1.0), 3);
-  length_ = findStep(problem, average * std::max(part, stuck ? back_to_center : least_center));
+  length_ = findStep(problem, average * std::max(part, stuck ? kBackToCenter : kLeastCenter));
   if (!(length_ > 1e-12) || !impulse_step_.allFinite()) return false;
   if (length_ < 0.1) {
-    damping_ = std::min(damping_ * damping_up, most_damping);
+    damping_ = std::min(damping_ * kDampingUp, kMostDamping);
   } else if (length_ > 0.5) {
-    damping_ = std::max(damping_ * damping_down, least_damping);
+    damping_ = std::max(damping_ * kDampingDown, kLeastDamping);
   }
   impulse_ += length_ * impulse_step_;
   surplus_ += length_ * surplus_step_;

@@ -20,17 +20,17 @@ using MapX = Eigen::Map<MatX>;
 
 // Proximal shift relative to rho: where it starts, far from the solution and near it, and its change after a problem
 // solved and after one that was not.
-constexpr double first_shift = 1e-2;
-constexpr double first_shift_near = 1e-3;
-constexpr double shift_down = 0.5;
-constexpr double shift_up = 5.0;
+constexpr double kFirstShift = 1e-2;
+constexpr double kFirstShiftNear = 1e-3;
+constexpr double kShiftDown = 0.5;
+constexpr double kShiftUp = 5.0;
 // Interior-point iterations: at most, in number and as a part of the work that is left; fewer than `least` are not
 // worth a start; so many without a gain end them.
-constexpr int most_interior = 60;
-constexpr double part_interior = 0.5;
-constexpr int least_interior = 12;
-constexpr int idle_interior = 10;
-constexpr double infinity = std::numeric_limits<double>::infinity();
+constexpr int kMostInterior = 60;
+constexpr double kPartInterior = 0.5;
+constexpr int kLeastInterior = 12;
+constexpr int kIdleInterior = 10;
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 double cornerAngle(double index, int facets) { return 2.0 * std::numbers::pi * index / facets; }
 
@@ -117,7 +117,7 @@ Vec2 nearestInCone(const Vec2& p, double radius, const FrictionCone& cone) {
   if (cone.exact) return p.norm() <= radius ? p : Vec2(radius / p.norm() * p);
   bool inside = true;
   Vec2 nearest = Vec2::Zero();
-  double distance = infinity;
+  double distance = kInfinity;
   for (int k = 0; k < cone.facets; ++k) {
     const Vec2 a = radius * vertexDirection(k, cone.facets).tail<2>();
     const Vec2 b = radius * vertexDirection(k + 1, cone.facets).tail<2>();
@@ -163,7 +163,7 @@ Vec3 edgeTangent(int index, int facets) {
 double contactResidual(const ContactProblem& problem, const VecX& lambda) {
   checkSizes(problem);
   if (lambda.size() != problem.free.size()) throw std::invalid_argument("contact residual: lambda has the wrong size");
-  if (!isFinite(problem) || !lambda.allFinite()) return infinity;
+  if (!isFinite(problem) || !lambda.allFinite()) return kInfinity;
   const VecX w = problem.delassus * lambda + problem.free;
   double worst = 0.0;
   for (Eigen::Index i = 0; i < problem.bias.size(); ++i) {
@@ -285,7 +285,7 @@ double ContactSolver::residual(const ContactProblem& problem) const {
     Vec2 point;
     nearest(problem.cone, radius, impulse.tail<2>() - w_.segment<2>(3 * i + 1), point);
     worst = std::max(worst, (impulse.tail<2>() - point).norm());
-    if (!std::isfinite(impulse.sum())) return infinity;
+    if (!std::isfinite(impulse.sum())) return kInfinity;
   }
   return worst;
 }
@@ -414,7 +414,7 @@ void ContactSolver::goTo(const ContactProblem& problem, const Best& best) {
 
 /// Newton steps from state to state while they help.
 void ContactSolver::newtonPhase(const ContactProblem& problem, double tolerance, Best& best, int steps, Work& work) {
-  double phase_best = infinity;
+  double phase_best = kInfinity;
   int stalled = 0;
   for (int k = 0; k < steps && work.left(); ++k) {
     work.spend(6.0 * work.product);
@@ -442,7 +442,7 @@ bool ContactSolver::alternate(const ContactProblem& problem, double tolerance, B
       sweep(problem);
     }
     updateVelocity(problem, lambda_, w_);
-    swept_.residual = infinity;
+    swept_.residual = kInfinity;
     keepBest(problem, swept_);
     keepBest(problem, best);
     if (best.residual <= tolerance) break;
@@ -462,7 +462,7 @@ void ContactSolver::proximal(const ContactProblem& problem, double tolerance, Be
   shifted = problem.delassus;
   const double speed = std::max(problem.free.lpNorm<Eigen::Infinity>(), problem.bias.lpNorm<Eigen::Infinity>());
   double applied = 0.0;
-  double shift = best.residual < 1e-3 * speed ? first_shift_near : first_shift;
+  double shift = best.residual < 1e-3 * speed ? kFirstShiftNear : kFirstShift;
   center_ = best;
   while (best.residual > tolerance && work.left()) {
     shifted_free_ = problem.free;
@@ -480,12 +480,12 @@ void ContactSolver::proximal(const ContactProblem& problem, double tolerance, Be
     newtonPhase(nearby, goal, nearby_, 20, work);
     const bool solved = alternate(nearby, goal, nearby_, 5, work);
     goTo(problem, nearby_);
-    center_.residual = infinity;
+    center_.residual = kInfinity;
     keepBest(problem, center_);
     keepBest(problem, best);
     if (best.residual <= tolerance) return;
     newtonPhase(problem, tolerance, best, 4, work);
-    shift = solved ? std::max(shift * shift_down, 1e-6) : std::min(shift * shift_up, 10.0);
+    shift = solved ? std::max(shift * kShiftDown, 1e-6) : std::min(shift * kShiftUp, 10.0);
   }
 }
 
@@ -494,13 +494,13 @@ void ContactSolver::proximal(const ContactProblem& problem, double tolerance, Be
 void ContactSolver::interior(const ContactProblem& problem, double tolerance, double acceptable, Best& best,
                              Work& work) {
   const double cost = InteriorPoint::cost(static_cast<double>(rho_.size())) + 3.0 * work.product;
-  if (work.remaining() < least_interior * cost) return;
-  const double most = work.operations + std::max(part_interior * work.remaining(), least_interior * cost);
+  if (work.remaining() < kLeastInterior * cost) return;
+  const double most = work.operations + std::max(kPartInterior * work.remaining(), kLeastInterior * cost);
   const double speed = std::max(problem.free.lpNorm<Eigen::Infinity>(), problem.bias.lpNorm<Eigen::Infinity>());
   interior_.start(problem, rho_, speed);
-  double attempted = infinity, gained = infinity;
+  double attempted = kInfinity, gained = kInfinity;
   int idle = 0;
-  for (int k = 0; k < most_interior && idle < idle_interior && work.left() && work.operations < most; ++k) {
+  for (int k = 0; k < kMostInterior && idle < kIdleInterior && work.left() && work.operations < most; ++k) {
     work.spend(cost);
     if (!interior_.iterate(problem, rho_)) break;
     lambda_ = interior_.impulse();
@@ -650,7 +650,7 @@ ContactSolverReport ContactSolver::solve(const ContactProblem& problem, const Co
   if (!isFinite(problem)) {
     lambda.setZero(rows);
     status.assign(m, {});
-    report.residual = infinity;
+    report.residual = kInfinity;
     return report;
   }
   report.converged = true;
@@ -707,7 +707,7 @@ ContactSolverReport ContactSolver::solvePart(const ContactProblem& problem, cons
   work.max_operations = std::min(settings.max_work * ((18.0 * m + 2000.0) * m + 2e5) * m, settings.max_operations);
   work.rows = 3.0 * m;
   work.product = 90.0 * m * m;
-  best_.residual = infinity;
+  best_.residual = kInfinity;
   // a state once settled is good to the goal itself, so that a solution given back is returned as it is
   if (keepBest(problem, best_) > goal) {
     if (hinted) newtonPhase(problem, tolerance, best_, 20, work);

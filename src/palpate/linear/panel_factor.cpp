@@ -315,31 +315,31 @@ namespace {
 template <int W>
 struct Rows3 {
   static constexpr int kWidth = std::min(W, kLanes);  // of one register
-  static constexpr int N = W / kWidth;
+  static constexpr int kRegisters = W / kWidth;
   typedef double T __attribute__((vector_size(kWidth * sizeof(double))));
-  T v[3][N];
+  T v[3][kRegisters];
 
   void load(const double* from) {
     for (int i = 0; i < 3; ++i)
-      for (int p = 0; p < N; ++p) std::memcpy(&v[i][p], from + i * W + p * kWidth, sizeof(T));
+      for (int p = 0; p < kRegisters; ++p) std::memcpy(&v[i][p], from + i * W + p * kWidth, sizeof(T));
   }
   void store(double* to) const {
     for (int i = 0; i < 3; ++i)
-      for (int p = 0; p < N; ++p) std::memcpy(to + i * W + p * kWidth, &v[i][p], sizeof(T));
+      for (int p = 0; p < kRegisters; ++p) std::memcpy(to + i * W + p * kWidth, &v[i][p], sizeof(T));
   }
   /// v_i -= a[i * step] x for one row x of right-hand sides.
   void subtract(const double* a, std::size_t step, const double* x) {
-    for (int p = 0; p < N; ++p) {
+    for (int p = 0; p < kRegisters; ++p) {
       T row;
       std::memcpy(&row, x + p * kWidth, sizeof(T));
       for (int i = 0; i < 3; ++i) v[i][p] -= a[static_cast<std::size_t>(i) * step] * row;
     }
   }
   void eliminate(int i, double a, int j) {
-    for (int p = 0; p < N; ++p) v[i][p] -= a * v[j][p];
+    for (int p = 0; p < kRegisters; ++p) v[i][p] -= a * v[j][p];
   }
   void scale(int i, double a) {
-    for (int p = 0; p < N; ++p) v[i][p] *= a;
+    for (int p = 0; p < kRegisters; ++p) v[i][p] *= a;
   }
 };
 

@@ -20,11 +20,11 @@ const Vec3 hip(0.048, 0, 0.315);
 const Vec3 ankle(0.098, -0.012, 0.06);
 const Vec3 foot_center(0.106, 0.026, 0.036);
 const Vec3 eye_center(0.082, 0.144, 0.775);
-constexpr double hand_radius = 0.052;
-constexpr double foot_length = 0.088;
+constexpr double kHandRadius = 0.052;
+constexpr double kFootLength = 0.088;
 
 double handDistance(const Vec3& x) {
-  double d = sphereDistance(x, hand_center, hand_radius);
+  double d = sphereDistance(x, hand_center, kHandRadius);
   const Vec3 palm = hand_center;
   for (const Vec3& tip : {Vec3(0.367, 0.05, 0.375), Vec3(0.362, 0.07, 0.322), Vec3(0.29, 0.112, 0.362)})
     d = smoothUnion(d, taperedCapsuleDistance(x, palm, tip, 0.032, 0.024), 0.02);
@@ -33,7 +33,7 @@ double handDistance(const Vec3& x) {
 
 double legDistance(const Vec3& x) {
   const double leg = taperedCapsuleDistance(x, hip, ankle, 0.04, 0.031);
-  const double foot = ellipsoidDistance(x, foot_center, Vec3(0.058, foot_length, 0.05));
+  const double foot = ellipsoidDistance(x, foot_center, Vec3(0.058, kFootLength, 0.05));
   return smoothUnion(leg, foot, 0.03);
 }
 
@@ -82,10 +82,10 @@ Alien makeAlien(const AlienOptions& options) {
   marks.trunk = place(0.5 * (trunk_low + trunk_high));
   marks.right_hand = place(hand_center);
   marks.left_hand = place(mirrored(hand_center));
-  marks.hand_radius = scale * hand_radius;
+  marks.hand_radius = scale * kHandRadius;
   marks.right_foot = place(foot_center);
   marks.left_foot = place(mirrored(foot_center));
-  marks.foot_radius = scale * foot_length;
+  marks.foot_radius = scale * kFootLength;
   return alien;
 }
 

@@ -15,12 +15,12 @@
 namespace palpate {
 namespace {
 
-constexpr double largest_lattice = 4e6;  // cells
-constexpr int largest_target = 200'000;
-constexpr int most_trials = 14;
+constexpr double kLargestLattice = 4e6;  // cells
+constexpr int kLargestTarget = 200'000;
+constexpr int kMostTrials = 14;
 
 void requireOptions(const EmbedOptions& options) {
-  if (options.target_tetrahedra < 1 || options.target_tetrahedra > largest_target)
+  if (options.target_tetrahedra < 1 || options.target_tetrahedra > kLargestTarget)
     throw InputError(options.name, "target_tetrahedra", "must be 1 to 200,000");
   if (!(options.cell_size >= 0) || !std::isfinite(options.cell_size))
     throw InputError(options.name, "cell_size", "must be 0 (search) or positive, and finite");
@@ -67,7 +67,7 @@ std::unique_ptr<Trial> tryCell(const InsideField& field, const Bounds& box, doub
 
 double smallestCell(const Bounds& box) {
   const Vec3 extent = (box.high - box.low).cwiseMax(1e-3 * box.diagonal());
-  return std::max(std::cbrt(extent.prod() / largest_lattice), box.diagonal() / 2000);
+  return std::max(std::cbrt(extent.prod() / kLargestLattice), box.diagonal() / 2000);
 }
 
 /// Twelve tetrahedra a cell in the volume and a layer of a third of a cell on the area.
@@ -102,7 +102,7 @@ class CellSearch {
   void search(double cell, const Vec3& shift) {
     double too_many = 0;
     double too_few = 0;
-    for (int i = 0; i < most_trials; ++i) {
+    for (int i = 0; i < kMostTrials; ++i) {
       const double ratio = attempt(cell, shift);
       if (error_ <= options_.count_tolerance) return;
       (ratio > 0 ? too_many : too_few) = cell;

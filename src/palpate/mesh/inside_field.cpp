@@ -7,11 +7,11 @@ namespace palpate {
 namespace {
 
 // The surface has no boundary, so its winding number is a whole number and errors of 0.2 do not matter.
-constexpr double inside_accuracy = 1.3;
+constexpr double kInsideAccuracy = 1.3;
 
 }  // namespace
 
-InsideField::InsideField(const Surface& capped, double voxels) : winding_(capped, inside_accuracy) {
+InsideField::InsideField(const Surface& capped, double voxels) : winding_(capped, kInsideAccuracy) {
   const Bounds box = boundsOf(capped.vertices);
   const Vec3 extent = (box.high - box.low).cwiseMax(1e-3 * box.diagonal());
   size_ = std::cbrt(extent.prod() / voxels);

@@ -9,9 +9,9 @@
 namespace palpate {
 namespace {
 
-constexpr double degrees = 180 / std::numbers::pi;
+constexpr double kDegrees = 180 / std::numbers::pi;
 
-double angleBetween(const Vec3& a, const Vec3& b) { return degrees * std::atan2(a.cross(b).norm(), a.dot(b)); }
+double angleBetween(const Vec3& a, const Vec3& b) { return kDegrees * std::atan2(a.cross(b).norm(), a.dot(b)); }
 
 }  // namespace
 

@@ -10,9 +10,9 @@ namespace {
 
 // A sliver may go to a tetrahedron in which none of its points has a weight below this: the embedding then stays close
 // to interpolation, and a contact force on the sliver does not turn into large opposite forces.
-constexpr double lowest_weight = -0.35;
+constexpr double kLowestWeight = -0.35;
 // A mesh component smaller than this share of the solid is a sampling crumb.
-constexpr double crumb_share = 1e-3;
+constexpr double kCrumbShare = 1e-3;
 
 }  // namespace
 
@@ -122,7 +122,7 @@ bool PieceMesh::giveAway(int piece) {
     for (int far : keptNeighbors(n)) candidates.insert(far);
   candidates.erase(piece);
   int best = -1;
-  double best_weight = lowest_weight;
+  double best_weight = kLowestWeight;
   for (int c : candidates) {
     const double w = worstWeight(piece, c);
     if (w <= best_weight) continue;
@@ -198,7 +198,7 @@ void PieceMesh::dropCrumbs() {
   std::vector<int> crumbs;
   std::vector<int> rest;
   kept_pieces([&](int p) {
-    const bool crumb = static_cast<double>(size[sets.find(nodeClass(p, 0))]) < crumb_share * static_cast<double>(total);
+    const bool crumb = static_cast<double>(size[sets.find(nodeClass(p, 0))]) < kCrumbShare * static_cast<double>(total);
     (crumb ? crumbs : rest).push_back(p);
   });
   if (rest.empty()) return;

@@ -8,8 +8,8 @@
 namespace palpate {
 namespace {
 
-constexpr size_t header_size = 80;
-constexpr size_t record_size = 50;
+constexpr size_t kHeaderSize = 80;
+constexpr size_t kRecordSize = 50;
 
 void readStlText(std::string_view data, SurfaceBuilder& builder) {
   TextScanner scan(data, builder.name());
@@ -44,7 +44,7 @@ void readStlText(std::string_view data, SurfaceBuilder& builder) {
 }
 
 void readStlBinary(std::string_view data, uint32_t count, SurfaceBuilder& builder) {
-  ByteReader bytes(data.substr(header_size + 4), false);
+  ByteReader bytes(data.substr(kHeaderSize + 4), false);
   for (uint32_t t = 0; t < count; ++t) {
     bytes.skip(3 * sizeof(float));  // the normal, which the corners give anyway
     builder.beginPolygon(static_cast<long long>(t) + 1);
@@ -65,14 +65,14 @@ void readStlBinary(std::string_view data, uint32_t count, SurfaceBuilder& builde
 
 void readStl(std::string_view data, SurfaceBuilder& builder) {
   uint32_t count = 0;
-  const bool has_count = data.size() >= header_size + 4 && ByteReader(data.substr(header_size), false).take(count);
-  const bool fits = has_count && data.size() - header_size - 4 == record_size * static_cast<size_t>(count);
+  const bool has_count = data.size() >= kHeaderSize + 4 && ByteReader(data.substr(kHeaderSize), false).take(count);
+  const bool fits = has_count && data.size() - kHeaderSize - 4 == kRecordSize * static_cast<size_t>(count);
   // Some binary files begin with "solid" too, so the size decides first.
   if (fits) return readStlBinary(data, count, builder);
   const size_t word = data.find_first_not_of(" \t\r\n");
   if (word != std::string_view::npos && data.substr(word, 5) == "solid") return readStlText(data, builder);
   if (!has_count) throw InputError(builder.name(), "", "is truncated: a binary STL file has at least 84 bytes");
-  if (data.size() - header_size - 4 < record_size * static_cast<size_t>(count))
+  if (data.size() - kHeaderSize - 4 < kRecordSize * static_cast<size_t>(count))
     throw InputError(builder.name(), "", "is truncated: its header promises " + std::to_string(count) + " triangles");
   readStlBinary(data, count, builder);
 }

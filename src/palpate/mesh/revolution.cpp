@@ -11,7 +11,7 @@ namespace {
 
 using Corner = std::array<double, 2>;
 
-constexpr long long most_triangles = 1'000'000;
+constexpr long long kMostTriangles = 1'000'000;
 
 std::string cornerName(std::size_t i) { return "corner " + std::to_string(i + 1); }
 
@@ -33,7 +33,7 @@ bool sidesMeet(const Corner& a, const Corner& b, const Corner& c, const Corner& 
   if (cross(a, b, c) * cross(a, b, d) < 0 && cross(c, d, a) * cross(c, d, b) < 0) return true;
   const double gap =
       std::min({distanceToSide(a, c, d), distanceToSide(b, c, d), distanceToSide(c, a, b), distanceToSide(d, a, b)});
-  return gap < 0.5 * shortest_profile_side;
+  return gap < 0.5 * kShortestProfileSide;
 }
 
 /// Whether the polygon turns back onto the side it came along.
@@ -47,7 +47,7 @@ bool onAxis(const Corner& corner) { return corner[0] == 0.0; }
 std::optional<std::string> placeObjection(const RevolutionProfile& p, std::size_t i) {
   if (!std::isfinite(p[i][0]) || !std::isfinite(p[i][1])) return cornerName(i) + " is not finite";
   if (p[i][0] < 0.0) return cornerName(i) + " lies at a negative radius";
-  if (!onAxis(p[i]) && p[i][0] < shortest_profile_side)
+  if (!onAxis(p[i]) && p[i][0] < kShortestProfileSide)
     return cornerName(i) + " is neither on the axis nor at least 1e-05 m away from it";
   return std::nullopt;
 }
@@ -56,7 +56,7 @@ std::optional<std::string> sideObjection(const RevolutionProfile& p, std::size_t
   const std::size_t n = p.size();
   const Corner& before = p[(i + n - 1) % n];
   const Corner& after = p[(i + 1) % n];
-  if (distance(p[i], after) < shortest_profile_side)
+  if (distance(p[i], after) < kShortestProfileSide)
     return cornerName(i) + " is less than 1e-05 m away from " + cornerName((i + 1) % n) +
            (i + 1 == n ? "; the last corner is joined to the first by itself" : "");
   if (onAxis(p[i]) && !onAxis(before) && !onAxis(after)) return cornerName(i) + " touches the axis in a single point";
@@ -124,7 +124,7 @@ class Lathe {
   void requireSize(const RevolutionProfile& p) const {
     long long rows = 0;
     for (std::size_t i = 0; i < p.size(); ++i) rows += pieces(p[i], p[(i + 1) % p.size()]);
-    if (2 * rows * segments_ > most_triangles)
+    if (2 * rows * segments_ > kMostTriangles)
       throw InputError("revolution", "", "would have more than a million triangles; take fewer segments");
   }
 
@@ -193,8 +193,8 @@ class Lathe {
 std::optional<std::string> profileObjection(const RevolutionProfile& profile) {
   const std::size_t n = profile.size();
   if (n < 3) return "a profile needs at least three corners";
-  if (n > largest_profile)
-    return "has " + std::to_string(n) + " corners; at most " + std::to_string(largest_profile) + " are allowed";
+  if (n > kLargestProfile)
+    return "has " + std::to_string(n) + " corners; at most " + std::to_string(kLargestProfile) + " are allowed";
   for (std::size_t i = 0; i < n; ++i)
     if (auto cause = placeObjection(profile, i)) return cause;
   for (std::size_t i = 0; i < n; ++i)
@@ -204,10 +204,10 @@ std::optional<std::string> profileObjection(const RevolutionProfile& profile) {
 
 Surface revolutionSurface(const RevolutionProfile& profile, int segments) {
   if (const auto cause = profileObjection(profile)) throw InputError("revolution", "profile", *cause);
-  if (segments < least_revolution_segments || segments > largest_revolution_segments)
+  if (segments < kLeastRevolutionSegments || segments > kLargestRevolutionSegments)
     throw InputError(
         "revolution", "segments",
-        "must be " + std::to_string(least_revolution_segments) + " to " + std::to_string(largest_revolution_segments));
+        "must be " + std::to_string(kLeastRevolutionSegments) + " to " + std::to_string(kLargestRevolutionSegments));
   return Lathe(profile, segments).take();
 }
 

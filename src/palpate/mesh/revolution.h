@@ -13,10 +13,10 @@ namespace palpate {
 /// direction, the last joined to the first. Sides along the axis make no surface.
 using RevolutionProfile = std::vector<std::array<double, 2>>;
 
-inline constexpr std::size_t largest_profile = 200;      ///< corners
-inline constexpr double shortest_profile_side = 1e-5;    ///< [m]; also the least distance of a corner from the axis
-inline constexpr int least_revolution_segments = 8;      ///< around
-inline constexpr int largest_revolution_segments = 512;  ///< around
+inline constexpr std::size_t kLargestProfile = 200;     ///< corners
+inline constexpr double kShortestProfileSide = 1e-5;    ///< [m]; also the least distance of a corner from the axis
+inline constexpr int kLeastRevolutionSegments = 8;      ///< around
+inline constexpr int kLargestRevolutionSegments = 512;  ///< around
 
 /// What keeps a profile from bounding a solid, if anything: too few or too many corners, one left of the axis or almost
 /// on it, sides that are too short, cross or touch each other, a corner that touches the axis alone.

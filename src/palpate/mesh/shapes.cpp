@@ -12,7 +12,7 @@
 namespace palpate {
 namespace {
 
-constexpr long long largest_grid = 4'000'000;
+constexpr long long kLargestGrid = 4'000'000;
 
 void requirePositive(const char* shape, const char* key, double value) {
   if (!(value > 0) || !std::isfinite(value)) throw InputError(shape, key, "must be positive and finite");
@@ -21,9 +21,9 @@ void requirePositive(const char* shape, const char* key, double value) {
 void requireCells(const char* shape, const std::array<int, 3>& cells) {
   long long product = 1;
   for (int c : cells) {
-    if (c < 1 || c > largest_grid) throw InputError(shape, "cells", "must be at least 1 in each direction");
+    if (c < 1 || c > kLargestGrid) throw InputError(shape, "cells", "must be at least 1 in each direction");
     product *= c;
-    if (product > largest_grid) throw InputError(shape, "cells", "at most 4,000,000 cells");
+    if (product > kLargestGrid) throw InputError(shape, "cells", "at most 4,000,000 cells");
   }
 }
 

@@ -27,10 +27,10 @@ void SurfaceBuilder::corner(long long index) {
   const int v = static_cast<int>(index);
   if (corners_ == 0) first_ = v;
   if (corners_ >= 2) {
-    if (surface_.triangles.size() >= static_cast<size_t>(largest_surface))
+    if (surface_.triangles.size() >= static_cast<size_t>(kLargestSurface))
       throw InputError(
           name_, "",
-          "has more than " + std::to_string(largest_surface) + " triangles, which is the limit: simplify it first");
+          "has more than " + std::to_string(kLargestSurface) + " triangles, which is the limit: simplify it first");
     surface_.triangles.push_back({first_, last_, v});
   }
   last_ = v;

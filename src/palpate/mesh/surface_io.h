@@ -11,7 +11,7 @@ namespace palpate {
 enum class SurfaceFormat { obj, stl, ply, off };
 
 /// Most triangles that a surface file may have.
-inline constexpr int largest_surface = 2'000'000;
+inline constexpr int kLargestSurface = 2'000'000;
 
 /// By the file name's ending (.obj, .stl, .ply, .off; any case). Throws InputError for others.
 SurfaceFormat surfaceFormatOf(const std::string& path);
@@ -19,7 +19,7 @@ SurfaceFormat surfaceFormatOf(const std::string& path);
 /// Reads the triangles of an OBJ, STL (text or binary), PLY (text or binary) or OFF file as they stand; lengths as in
 /// the file. Polygons are cut into fans. STL vertices come three a triangle: see repairSurface. Throws InputError
 /// naming file, place and cause: missing, empty or truncated file, malformed or non-finite number, index out of range,
-/// no triangles, more than largest_surface triangles.
+/// no triangles, more than kLargestSurface triangles.
 Surface readSurface(const std::string& path);
 /// The same from memory; `name` is for messages.
 Surface readSurfaceFromMemory(std::string_view data, SurfaceFormat format, const std::string& name = "surface");

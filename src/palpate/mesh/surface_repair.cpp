@@ -12,8 +12,8 @@
 namespace palpate {
 namespace {
 
-constexpr double largest_cap_share = 0.35;
-constexpr size_t most_nested_patches = 32;
+constexpr double kLargestCapShare = 0.35;
+constexpr size_t kMostNestedPatches = 32;
 
 uint64_t cellKey(const Eigen::Matrix<int64_t, 3, 1>& c) {
   const auto mix = [](int64_t v, uint64_t prime) { return static_cast<uint64_t>(v) * prime; };
@@ -229,7 +229,7 @@ std::vector<char> inwardPatches(const std::vector<Surface>& parts) {
   for (size_t i = 0; i < order.size(); ++i) {
     const size_t p = order[i];
     // Beyond the largest patches, fragments: too many to ask each about each.
-    const int around = i < most_nested_patches && volume[p] != 0 ? enclosing(parts, volume, p) : -1;
+    const int around = i < kMostNestedPatches && volume[p] != 0 ? enclosing(parts, volume, p) : -1;
     inward[p] = around >= 0 ? inward[static_cast<size_t>(around)] : volume[p] < 0;
   }
   return inward;
@@ -288,7 +288,7 @@ void requireSolid(const Surface& surface, const std::string& name) {
   const SurfaceMeasures whole = measureSurface(capped);
   const double diagonal = boundsOf(surface.vertices).diagonal();
   const int open = inspectTopology(surface).boundary_edges;
-  if (whole.area - area > largest_cap_share * area)
+  if (whole.area - area > kLargestCapShare * area)
     throw InputError(name, "",
                      "is not a closed surface: closing its " + std::to_string(open) + " boundary edges takes " +
                          std::to_string(static_cast<int>(100 * (whole.area - area) / whole.area)) +

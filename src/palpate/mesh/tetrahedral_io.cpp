@@ -10,7 +10,7 @@
 namespace palpate {
 namespace {
 
-constexpr size_t largest_mesh = 1'000'000;
+constexpr size_t kLargestMesh = 1'000'000;
 
 /// Nodes by the file's own numbers, tetrahedra in these numbers until all is read.
 class Collector {
@@ -23,7 +23,7 @@ class Collector {
     mesh_.nodes.push_back(x);
   }
   void tetrahedron(const std::array<long long, 4>& tags) {
-    if (tags_.size() >= largest_mesh)
+    if (tags_.size() >= kLargestMesh)
       throw InputError(name_, "", "has more than 1,000,000 tetrahedra, which is the limit");
     tags_.push_back(tags);
   }
@@ -71,8 +71,8 @@ std::array<long long, 4> anyFour(TextScanner& scan) {
   return tags;
 }
 
-constexpr long long gmsh_tetrahedron = 4;
-constexpr long long vtk_tetrahedron = 10;
+constexpr long long kGmshTetrahedron = 4;
+constexpr long long kVtkTetrahedron = 10;
 
 void readGmsh2(TextScanner& scan, std::string_view section, Collector& mesh) {
   const long long count = scan.anyInteger("a count");
@@ -85,7 +85,7 @@ void readGmsh2(TextScanner& scan, std::string_view section, Collector& mesh) {
     scan.anyInteger("an element's number");
     const long long type = scan.integer("an element's type");
     const long long labels = scan.integer("the number of tags");
-    if (type == gmsh_tetrahedron) {
+    if (type == kGmshTetrahedron) {
       for (long long k = 0; k < labels; ++k) scan.integer("a tag");
       mesh.tetrahedron(anyFour(scan));
     }
@@ -110,7 +110,7 @@ void readGmsh4(TextScanner& scan, std::string_view section, Collector& mesh) {
     }
     for (long long i = 0; i < count; ++i) {
       scan.anyInteger("an element's number");
-      if (kind == gmsh_tetrahedron) mesh.tetrahedron(anyFour(scan));
+      if (kind == kGmshTetrahedron) mesh.tetrahedron(anyFour(scan));
       scan.skipRestOfLine();
     }
   }
@@ -169,7 +169,7 @@ TetrahedralMesh readVtk(std::string_view data, const std::string& name) {
   }
   if (types.size() != cells.size()) throw InputError(name, "CELL_TYPES", "must be as many as CELLS");
   for (size_t i = 0; i < cells.size(); ++i) {
-    if (types[i] != vtk_tetrahedron) continue;
+    if (types[i] != kVtkTetrahedron) continue;
     if (cells[i].size() != 4) throw InputError(name, "cell " + std::to_string(i), "a tetrahedron has four corners");
     mesh.tetrahedron({cells[i][0], cells[i][1], cells[i][2], cells[i][3]});
   }

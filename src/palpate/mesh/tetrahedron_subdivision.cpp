@@ -8,7 +8,7 @@ namespace {
 
 using GridPoint = std::array<int, 3>;
 
-constexpr int orders[6][3] = {{0, 1, 2}, {0, 2, 1}, {1, 0, 2}, {1, 2, 0}, {2, 0, 1}, {2, 1, 0}};
+constexpr int kOrders[6][3] = {{0, 1, 2}, {0, 2, 1}, {1, 0, 2}, {1, 2, 0}, {2, 0, 1}, {2, 1, 0}};
 
 std::array<int, 4> barycentric(const GridPoint& c, int m) { return {m - c[0], c[0] - c[1], c[1] - c[2], c[2]}; }
 
@@ -22,7 +22,7 @@ int orderOf(const Vec3& fraction) {
   std::array<int, 3> axes = {0, 1, 2};
   std::stable_sort(axes.begin(), axes.end(), [&](int a, int b) { return fraction[a] > fraction[b]; });
   for (int o = 0; o < 6; ++o)
-    if (orders[o][0] == axes[0] && orders[o][1] == axes[1]) return o;
+    if (kOrders[o][0] == axes[0] && kOrders[o][1] == axes[1]) return o;
   return 0;
 }
 
@@ -37,9 +37,10 @@ TetrahedronSubdivision::TetrahedronSubdivision(int m) : m_(m), part_of_(static_c
       corners[0] = base;
       for (size_t s = 0; s < 3; ++s) {
         corners[s + 1] = corners[s];
-        ++corners[s + 1][static_cast<size_t>(orders[o][s])];
+        ++corners[s + 1][static_cast<size_t>(kOrders[o][s])];
       }
-      if (!std::all_of(corners.begin(), corners.end(), [&](const GridPoint& c) { return insideCoarse(c, m); })) continue;
+      if (!std::all_of(corners.begin(), corners.end(), [&](const GridPoint& c) { return insideCoarse(c, m); }))
+        continue;
       const int part = count();
       part_of_[static_cast<size_t>(6 * cube + o)] = part;
       Vec4 center = Vec4::Zero();

@@ -8,8 +8,8 @@
 namespace palpate {
 namespace {
 
-constexpr int leaf_size = 8;
-constexpr double four_pi = 4 * std::numbers::pi;
+constexpr int kLeafSize = 8;
+constexpr double kFourPi = 4 * std::numbers::pi;
 
 }  // namespace
 
@@ -63,7 +63,7 @@ void WindingNumber::build(int index, double accuracy) {
   summarize(clusters_[static_cast<size_t>(index)], accuracy);
   const int first = clusters_[static_cast<size_t>(index)].first;
   const int last = clusters_[static_cast<size_t>(index)].last;
-  if (last - first <= leaf_size) return;
+  if (last - first <= kLeafSize) return;
 
   const auto sum = [](const Triangle& t) -> Vec3 { return t.a + t.b + t.c; };
   Vec3 low = sum(triangles_[static_cast<size_t>(first)]);
@@ -128,13 +128,13 @@ double WindingNumber::at(const Vec3& x) const {
       stack[top++] = cluster.left;
     }
   }
-  return angle / four_pi;
+  return angle / kFourPi;
 }
 
 double WindingNumber::exactAt(const Vec3& x) const {
   double angle = 0;
   for (const Triangle& t : triangles_) angle += solidAngle(t, x);
-  return angle / four_pi;
+  return angle / kFourPi;
 }
 
 }  // namespace palpate

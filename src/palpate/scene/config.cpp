@@ -82,9 +82,9 @@ std::optional<std::string> timingObjection(const SceneConfig& config) {
   if (ratio < 0.5 || std::abs(ratio - std::round(ratio)) > 1e-6 * ratio)
     return fmt::format("{:g} s is not a whole multiple of the haptic step, {:g} s", config.visual_step,
                        config.haptic_step);
-  if (config.duration / config.haptic_step > limits::ticks)
+  if (config.duration / config.haptic_step > limits::kTicks)
     return fmt::format("{:g} s at a haptic step of {:g} s are more than {:g} ticks", config.duration,
-                       config.haptic_step, limits::ticks);
+                       config.haptic_step, limits::kTicks);
   return std::nullopt;
 }
 
@@ -92,8 +92,8 @@ std::optional<std::string> sizeObjection(const SceneConfig& config) {
   double total = wantedTetrahedra(config.tool);
   for (const FreeBodyConfig& body : config.bodies)
     if (!body.rigid) total += wantedTetrahedra(body);
-  if (total <= limits::tetrahedra) return std::nullopt;
-  return fmt::format("the scene asks for {:.0f} tetrahedra; at most {} are allowed", total, limits::tetrahedra);
+  if (total <= limits::kTetrahedra) return std::nullopt;
+  return fmt::format("the scene asks for {:.0f} tetrahedra; at most {} are allowed", total, limits::kTetrahedra);
 }
 
 std::optional<std::string> handleObjection(const ToolConfig& tool, const std::string& handle) {

@@ -6,13 +6,13 @@ namespace palpate::limits {
 
 // Bounds that scene files and the command line share; docs/scene.md lists them.
 
-inline constexpr int tetrahedra = 200000;  ///< of a whole scene
-inline constexpr int min_tetrahedra = 10;  ///< wanted for an embedded surface
-inline constexpr int latency = 100;        ///< visual steps
-inline constexpr double ticks = 1e7;       ///< haptic ticks in a run
+inline constexpr int kTetrahedra = 200000;  ///< of a whole scene
+inline constexpr int kMinTetrahedra = 10;   ///< wanted for an embedded surface
+inline constexpr int kLatency = 100;        ///< visual steps
+inline constexpr double kTicks = 1e7;       ///< haptic ticks in a run
 
-inline const Range duration = Range::positive(3600.0, "s");
-inline const Range visual_step = Range::positive(1.0, "s");
-inline const Range haptic_step = Range::within(1e-5, 0.1, "s");
+inline const Range kDuration = Range::positive(3600.0, "s");
+inline const Range kVisualStep = Range::positive(1.0, "s");
+inline const Range kHapticStep = Range::within(1e-5, 0.1, "s");
 
 }  // namespace palpate::limits

@@ -63,7 +63,7 @@ void setTetrahedra(const std::optional<long long>& tetrahedra, SceneConfig& conf
   if (std::holds_alternative<BarShapeConfig>(config.tool.shape) ||
       std::holds_alternative<TetrahedraFileShapeConfig>(config.tool.shape))
     fail("--tetrahedra", "the scene's tool has tetrahedra of its own; only embedded surfaces take a count");
-  setInteger("--tetrahedra", tetrahedra, limits::min_tetrahedra, limits::tetrahedra, config.tool.tetrahedra);
+  setInteger("--tetrahedra", tetrahedra, limits::kMinTetrahedra, limits::kTetrahedra, config.tool.tetrahedra);
   failOn("--tetrahedra", sizeObjection(config));
 }
 
@@ -86,11 +86,11 @@ void applyOverrides(SceneConfig& config, const Overrides& overrides) {
     changed.tool.handle = *overrides.handle;
   }
   if (overrides.device) setDevice(*overrides.device, changed.device);
-  setNumber("--duration", overrides.duration, limits::duration, changed.duration);
+  setNumber("--duration", overrides.duration, limits::kDuration, changed.duration);
   if (overrides.duration) failOn("--duration", timingObjection(changed));
-  setNumber("--visual-dt", overrides.visual_dt, limits::visual_step, changed.visual_step);
+  setNumber("--visual-dt", overrides.visual_dt, limits::kVisualStep, changed.visual_step);
   if (overrides.visual_dt) failOn("--visual-dt", timingObjection(changed));
-  setInteger("--latency", overrides.latency, 0, limits::latency, changed.latency);
+  setInteger("--latency", overrides.latency, 0, limits::kLatency, changed.latency);
   setSeed(overrides.seed, changed);
   setTetrahedra(overrides.tetrahedra, changed);
   config = std::move(changed);

@@ -9,22 +9,22 @@
 namespace palpate::reading {
 namespace {
 
-constexpr std::size_t max_handles = 50;
-constexpr std::size_t max_keyframes = 10000;
-constexpr std::size_t max_parts = 100;
+constexpr std::size_t kMaxHandles = 50;
+constexpr std::size_t kMaxKeyframes = 10000;
+constexpr std::size_t kMaxParts = 100;
 
-const Range youngs_modulus = Range::positive(1e12, "Pa");
-const Range poisson_ratio = Range::between(-1.0, 0.5, "");
-const Range density = Range::positive(1e5, "kg/m^3");
+const Range kYoungsModulus = Range::positive(1e12, "Pa");
+const Range kPoissonRatio = Range::between(-1.0, 0.5, "");
+const Range kDensity = Range::positive(1e5, "kg/m^3");
 
 MaterialPartConfig readMaterialPart(const Value& value, const BodyConfig& body) {
   MaterialPartConfig part;
   part.poisson_ratio = body.material.poisson_ratio;
   part.density = body.material.density;
   value.fields({regionField(part.region, body.shape),
-                required(numberField("youngs_modulus", part.youngs_modulus, youngs_modulus)),
-                numberField("poisson_ratio", part.poisson_ratio, poisson_ratio),
-                numberField("density", part.density, density)});
+                required(numberField("youngs_modulus", part.youngs_modulus, kYoungsModulus)),
+                numberField("poisson_ratio", part.poisson_ratio, kPoissonRatio),
+                numberField("density", part.density, kDensity)});
   return part;
 }
 
@@ -32,11 +32,11 @@ MaterialPartConfig readMaterialPart(const Value& value, const BodyConfig& body) 
 void readMaterial(const Value& value, BodyConfig& body) {
   MaterialConfig& material = body.material;
   const auto readParts = [&](const Value& list) {
-    for (const Value& item : list.items(max_parts)) material.parts.push_back(readMaterialPart(item, body));
+    for (const Value& item : list.items(kMaxParts)) material.parts.push_back(readMaterialPart(item, body));
   };
-  value.fields({numberField("youngs_modulus", material.youngs_modulus, youngs_modulus),
-                numberField("poisson_ratio", material.poisson_ratio, poisson_ratio),
-                numberField("density", material.density, density),
+  value.fields({numberField("youngs_modulus", material.youngs_modulus, kYoungsModulus),
+                numberField("poisson_ratio", material.poisson_ratio, kPoissonRatio),
+                numberField("density", material.density, kDensity),
                 numberField("damping_alpha", material.damping_alpha, Range::within(0.0, 1e4, "1/s")),
                 numberField("damping_beta", material.damping_beta, Range::within(0.0, 10.0, "s")),
                 {"parts", readParts}});
@@ -46,7 +46,7 @@ void readMaterial(const Value& value, BodyConfig& body) {
 std::vector<Field> softFields(BodyConfig& body) {
   const auto readTetrahedra = [&body](const Value& value) {
     if (!isSurface(body.shape)) value.fail("this shape has tetrahedra of its own; only embedded surfaces take a count");
-    body.tetrahedra = value.integer(limits::min_tetrahedra, limits::tetrahedra);
+    body.tetrahedra = value.integer(limits::kMinTetrahedra, limits::kTetrahedra);
   };
   return {{"tetrahedra", readTetrahedra},
           {"material", [&body](const Value& value) { readMaterial(value, body); }},
@@ -64,7 +64,7 @@ KeyframeConfig readKeyframe(const Value& value) {
 HandConfig readHand(const Value& value) {
   HandConfig hand;
   const auto readKeyframes = [&](const Value& list) {
-    for (const Value& item : list.items(max_keyframes)) {
+    for (const Value& item : list.items(kMaxKeyframes)) {
       hand.keyframes.push_back(readKeyframe(item));
       const std::size_t count = hand.keyframes.size();
       if (count > 1 && hand.keyframes[count - 1].time <= hand.keyframes[count - 2].time)
@@ -115,7 +115,7 @@ Field freeShapeField(FreeBodyConfig& body) {
 void readTool(const Value& value, ToolConfig& tool) {
   tool.name = "tool";
   const auto readHandles = [&](const Value& handles) {
-    for (const auto& [name, handle] : handles.namedEntries(max_handles))
+    for (const auto& [name, handle] : handles.namedEntries(kMaxHandles))
       tool.handles.push_back(readHandle(handle, name, tool.shape));
     if (tool.handles.empty()) handles.fail("is empty; the tool needs at least one handle");
     tool.handle = tool.handles.front().name;
@@ -140,7 +140,7 @@ FreeBodyConfig readFreeBody(const Value& value, std::size_t index) {
   for (const Field& field : softFields(body)) fields.push_back(onlyFor(body, false, field, soft_only));
   const Field start{"start", [&body](const Value& v) { body.settled = v.choice(starts) == 1; }};
   fields.push_back(onlyFor(body, false, start, "is for soft bodies; a rigid body starts as it is placed"));
-  fields.push_back(onlyFor(body, true, numberField("density", body.material.density, density),
+  fields.push_back(onlyFor(body, true, numberField("density", body.material.density, kDensity),
                            "is for rigid bodies; the density of a soft one is in its material"));
   fields.push_back(poseField("pose", body.pose));
   fields.push_back(frictionField(body.friction));

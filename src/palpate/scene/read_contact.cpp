@@ -14,19 +14,19 @@
 namespace palpate::reading {
 namespace {
 
-constexpr std::size_t max_pairs = 10000;
+constexpr std::size_t kMaxPairs = 10000;
 
 PlaneObstacleConfig readPlane(const Value& value) {
   PlaneObstacleConfig plane;
-  value.fields({vectorField("point", plane.point, coordinate), directionField("normal", plane.normal)});
+  value.fields({vectorField("point", plane.point, kCoordinate), directionField("normal", plane.normal)});
   return plane;
 }
 
 BoxObstacleConfig readBoxObstacle(const Value& value) {
   BoxObstacleConfig box;
   Vec3 rotation = Vec3::Zero();
-  value.fields({required(vectorField("center", box.pose.position, coordinate)),
-                required(vectorField("half_extents", box.half_extents, size)),
+  value.fields({required(vectorField("center", box.pose.position, kCoordinate)),
+                required(vectorField("half_extents", box.half_extents, kSize)),
                 rotationField("rotation", rotation, 3600.0)});
   box.pose.rotation = expRotation(rotation);
   return box;
@@ -34,15 +34,15 @@ BoxObstacleConfig readBoxObstacle(const Value& value) {
 
 SphereObstacleConfig readSphereObstacle(const Value& value) {
   SphereObstacleConfig sphere;
-  value.fields({required(vectorField("center", sphere.center, coordinate)),
-                required(numberField("radius", sphere.radius, size))});
+  value.fields({required(vectorField("center", sphere.center, kCoordinate)),
+                required(numberField("radius", sphere.radius, kSize))});
   return sphere;
 }
 
 CapsuleObstacleConfig readCapsuleObstacle(const Value& value) {
   CapsuleObstacleConfig capsule;
-  value.fields({required(vectorField("a", capsule.a, coordinate)), required(vectorField("b", capsule.b, coordinate)),
-                required(numberField("radius", capsule.radius, size))});
+  value.fields({required(vectorField("a", capsule.a, kCoordinate)), required(vectorField("b", capsule.b, kCoordinate)),
+                required(numberField("radius", capsule.radius, kSize))});
   return capsule;
 }
 
@@ -97,7 +97,7 @@ FrictionPairConfig readPair(const Value& value, const ContactPartners& partners)
     pair.second = partners.read(names[1]);
     if (const auto cause = partners.objection(pair.first, pair.second)) list.fail(*cause);
   };
-  value.fields({required({"between", readNames}), required(numberField("friction", pair.value, friction_coefficient))});
+  value.fields({required({"between", readNames}), required(numberField("friction", pair.value, kFrictionCoefficient))});
   return pair;
 }
 
@@ -105,7 +105,7 @@ std::vector<FrictionPairConfig> readPairs(const Value& value, const SceneConfig&
   const ContactPartners partners(scene);
   std::vector<FrictionPairConfig> pairs;
   std::set<std::pair<std::string, std::string>> named;
-  for (const Value& item : value.items(max_pairs)) {
+  for (const Value& item : value.items(kMaxPairs)) {
     pairs.push_back(readPair(item, partners));
     const FrictionPairConfig& pair = pairs.back();
     if (!named.insert(std::minmax(pair.first, pair.second)).second)
@@ -136,7 +136,7 @@ void readContact(const Value& value, const SceneConfig& scene, ContactConfig& co
   };
   value.fields({{"cone", [&](const Value& v) { settings.cone.exact = v.choice(coneNames()) == 1; }},
                 integerField("facets", settings.cone.facets, 3, 64),
-                numberField("friction", contact.friction, friction_coefficient),
+                numberField("friction", contact.friction, kFrictionCoefficient),
                 {"pairs", [&](const Value& v) { contact.pairs = readPairs(v, scene); }},
                 numberField("thickness", contact.thickness, Range::within(1e-6, 0.1, "m")),
                 numberField("max_recovery_speed", settings.max_recovery_speed, Range::positive(100.0, "m/s")),

@@ -11,15 +11,15 @@
 
 namespace palpate::reading {
 
-inline const Range coordinate = Range::within(-100.0, 100.0, "m");
-inline const Range size = Range::within(1e-4, 10.0, "m");
-inline const Range friction_coefficient = Range::within(0.0, 10.0, "");
+inline const Range kCoordinate = Range::within(-100.0, 100.0, "m");
+inline const Range kSize = Range::within(1e-4, 10.0, "m");
+inline const Range kFrictionCoefficient = Range::within(0.0, 10.0, "");
 
 inline Field rotationField(const char* key, Vec3& target, double max_degrees) {
   return {key, [&target, max_degrees](const Value& value) { target = value.rotation(max_degrees); }};
 }
 inline Field frictionField(std::optional<double>& target) {
-  return numberField("friction", target, friction_coefficient);
+  return numberField("friction", target, kFrictionCoefficient);
 }
 inline Field nameField(std::string& target) {
   return {"name", [&target](const Value& value) { target = value.name(); }};
@@ -29,12 +29,12 @@ Field choiceField(const char* key, Enum& target, const std::vector<std::string>&
   return {key, [&target, &words](const Value& value) { target = static_cast<Enum>(value.choice(words)); }};
 }
 inline Field poseField(const char* key, Pose& pose) {
-  return {
-      key, [&pose](const Value& value) {
-        Vec3 rotation = Vec3::Zero();
-        value.fields({vectorField("position", pose.position, coordinate), rotationField("rotation", rotation, 3600.0)});
-        pose.rotation = expRotation(rotation);
-      }};
+  return {key, [&pose](const Value& value) {
+            Vec3 rotation = Vec3::Zero();
+            value.fields(
+                {vectorField("position", pose.position, kCoordinate), rotationField("rotation", rotation, 3600.0)});
+            pose.rotation = expRotation(rotation);
+          }};
 }
 
 /// Text that is not empty.

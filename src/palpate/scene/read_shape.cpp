@@ -38,7 +38,7 @@ SurfaceShapeConfig readSurface(const Value& value) {
   FileReference& file = shape.file;
   value.fields({required({"file", [&](const Value& v) { file.file = readFileName(v); }}),
                 {"package", [&](const Value& v) { file.package = readPackageName(v); }},
-                numberField("size", shape.size, size),
+                numberField("size", shape.size, kSize),
                 choiceField("up", shape.up, axes)});
   checkPackageFile(value, file);
   return shape;
@@ -51,26 +51,26 @@ BarShapeConfig readBar(const Value& value) {
     if (parts.size() != 3) cells.fail(fmt::format("has {} numbers; it must have 3", parts.size()));
     for (std::size_t i = 0; i < 3; ++i) shape.cells[i] = parts[i].integer(1, 200);
   };
-  value.fields({required(vectorField("size", shape.size, size)), required({"cells", readCells})});
+  value.fields({required(vectorField("size", shape.size, kSize)), required({"cells", readCells})});
   return shape;
 }
 
 BoxShapeConfig readBox(const Value& value) {
   BoxShapeConfig shape;
-  value.fields({required(vectorField("size", shape.size, size))});
+  value.fields({required(vectorField("size", shape.size, kSize))});
   return shape;
 }
 
 SphereShapeConfig readSphere(const Value& value) {
   SphereShapeConfig shape;
-  value.fields({required(numberField("radius", shape.radius, size))});
+  value.fields({required(numberField("radius", shape.radius, kSize))});
   return shape;
 }
 
 CapsuleShapeConfig readCapsule(const Value& value) {
   CapsuleShapeConfig shape;
   value.fields(
-      {required(numberField("radius", shape.radius, size)), required(numberField("length", shape.length, size))});
+      {required(numberField("radius", shape.radius, kSize)), required(numberField("length", shape.length, kSize))});
   if (shape.length < 2.0 * shape.radius) value.fail("length, from tip to tip, must be at least twice the radius");
   return shape;
 }
@@ -89,40 +89,40 @@ RevolutionShapeConfig readRevolution(const Value& value) {
     return {parts[0].number(Range::within(0.0, 10.0, "m")), parts[1].number(Range::within(-10.0, 10.0, "m"))};
   };
   const auto readProfile = [&](const Value& profile) {
-    for (const Value& corner : profile.items(largest_profile)) shape.profile.push_back(readCorner(corner));
+    for (const Value& corner : profile.items(kLargestProfile)) shape.profile.push_back(readCorner(corner));
     if (const auto cause = profileObjection(shape.profile)) profile.fail(*cause);
   };
   value.fields({required({"profile", readProfile}),
-                integerField("segments", shape.segments, least_revolution_segments, largest_revolution_segments)});
+                integerField("segments", shape.segments, kLeastRevolutionSegments, kLargestRevolutionSegments)});
   return shape;
 }
 
 SphereRegionConfig readSphereRegion(const Value& value) {
   SphereRegionConfig region;
-  value.fields({required(vectorField("center", region.center, coordinate)),
-                required(numberField("radius", region.radius, size))});
+  value.fields({required(vectorField("center", region.center, kCoordinate)),
+                required(numberField("radius", region.radius, kSize))});
   return region;
 }
 
 BoxRegionConfig readBoxRegion(const Value& value) {
   BoxRegionConfig region;
   value.fields(
-      {required(vectorField("min", region.min, coordinate)), required(vectorField("max", region.max, coordinate))});
+      {required(vectorField("min", region.min, kCoordinate)), required(vectorField("max", region.max, kCoordinate))});
   if ((region.min.array() > region.max.array()).any()) value.fail("min must not be above max");
   return region;
 }
 
 CapsuleRegionConfig readCapsuleRegion(const Value& value) {
   CapsuleRegionConfig region;
-  value.fields({required(vectorField("a", region.a, coordinate)), required(vectorField("b", region.b, coordinate)),
-                required(numberField("radius", region.radius, size))});
+  value.fields({required(vectorField("a", region.a, kCoordinate)), required(vectorField("b", region.b, kCoordinate)),
+                required(numberField("radius", region.radius, kSize))});
   return region;
 }
 
 HalfspaceRegionConfig readHalfspaceRegion(const Value& value) {
   HalfspaceRegionConfig region;
   value.fields(
-      {required(vectorField("point", region.point, coordinate)), required(directionField("normal", region.normal))});
+      {required(vectorField("point", region.point, kCoordinate)), required(directionField("normal", region.normal))});
   return region;
 }
 
@@ -131,7 +131,7 @@ LandmarkRegionConfig readLandmarkRegion(const Value& value) {
   const auto readName = [&](const Value& name) {
     region.landmark = alienLandmarkNames().at(name.choice(alienLandmarkNames()));
   };
-  value.fields({required({"name", readName}), required(numberField("radius", region.radius, size))});
+  value.fields({required({"name", readName}), required(numberField("radius", region.radius, kSize))});
   return region;
 }
 

@@ -15,10 +15,10 @@ namespace {
 
 using namespace reading;
 
-constexpr int schema_version = 1;
-constexpr std::size_t max_bodies = 100;
-constexpr std::size_t max_obstacles = 1000;
-constexpr int max_substeps = 1000;
+constexpr int kSchemaVersion = 1;
+constexpr std::size_t kMaxBodies = 100;
+constexpr std::size_t kMaxObstacles = 1000;
+constexpr int kMaxSubsteps = 1000;
 
 // Link, device, safety
 // ----------------------------------------------------------------------------------------
@@ -92,24 +92,24 @@ void readSubsteps(const Value& value, SceneConfig& config) {
   if (config.substeps_auto) return;
   if (!text.empty() && text.find_first_of("0123456789") == std::string::npos)
     value.fail(fmt::format("{} is neither auto nor a number", shownText(text)));
-  config.substeps = value.integer(1, max_substeps);
+  config.substeps = value.integer(1, kMaxSubsteps);
 }
 
 std::vector<Field> runFields(SceneConfig& config) {
   const auto readVisual = [&config](const Value& value) {
-    value.fields({required(numberField("step", config.visual_step, limits::visual_step)),
+    value.fields({required(numberField("step", config.visual_step, limits::kVisualStep)),
                   {"substeps", [&config](const Value& v) { readSubsteps(v, config); }}});
   };
   const auto readHaptic = [&config](const Value& value) {
-    value.fields({required(numberField("step", config.haptic_step, limits::haptic_step))});
+    value.fields({required(numberField("step", config.haptic_step, limits::kHapticStep))});
   };
   const auto readView = [&config](const Value& value) {
     value.fields({required(directionField("from", config.view_from.emplace()))});
   };
-  return {numberField("duration", config.duration, limits::duration),
+  return {numberField("duration", config.duration, limits::kDuration),
           {"visual", readVisual},
           {"haptic", readHaptic},
-          integerField("latency", config.latency, 0, limits::latency),
+          integerField("latency", config.latency, 0, limits::kLatency),
           choiceField("method", config.method, methodNames()),
           choiceField("aim", config.aim, aimNames()),
           booleanField("weight_compensation", config.weight_compensation),
@@ -122,13 +122,13 @@ std::vector<Field> runFields(SceneConfig& config) {
 
 std::vector<Field> worldFields(SceneConfig& config, NameRegister& names) {
   const auto readBodies = [&](const Value& list) {
-    for (const Value& item : list.items(max_bodies)) {
+    for (const Value& item : list.items(kMaxBodies)) {
       config.bodies.push_back(readFreeBody(item, config.bodies.size()));
       names.take(item, config.bodies.back().name);
     }
   };
   const auto readObstacles = [&](const Value& list) {
-    for (const Value& item : list.items(max_obstacles)) {
+    for (const Value& item : list.items(kMaxObstacles)) {
       config.obstacles.push_back(readObstacle(item, config.obstacles.size()));
       names.take(item, config.obstacles.back().name);
     }
@@ -149,8 +149,8 @@ std::vector<Field> worldFields(SceneConfig& config, NameRegister& names) {
 
 void readVersion(const Value& value) {
   const int version = value.integer(0, 1000000);
-  if (version != schema_version)
-    value.fail(fmt::format("schema version {} is not known; this program reads version {}", version, schema_version));
+  if (version != kSchemaVersion)
+    value.fail(fmt::format("schema version {} is not known; this program reads version {}", version, kSchemaVersion));
 }
 
 void readRoot(const Value& root, SceneConfig& config) {
