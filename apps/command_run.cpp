@@ -8,9 +8,9 @@
 #include "palpate/devices/recorded_device.h"
 #include "palpate/interactive/recorder.h"
 #include "palpate/results/run_files.h"
+#include "palpate/results/snapshots.h"
 #include "palpate/session/lockstep.h"
 #include "palpate/session/realtime_loops.h"
-#include "palpate/results/snapshots.h"
 #include "progress.h"
 #include "scene_options.h"
 

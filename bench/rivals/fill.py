@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Puts standard input into a page, between the markers `<!-- figures: NAME -->` and `<!-- end -->`: fill.py PAGE NAME"""
+"""Puts standard input into a page, between the markers `<!-- rivals: NAME -->` and `<!-- end -->`: fill.py PAGE NAME"""
 
 import datetime
 import pathlib
@@ -22,7 +22,7 @@ def main():
         sys.exit(f"fill.py: no figures for {name}")
     commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True).stdout.strip()
     source = f"*{datetime.date.today()}, {processor()}, one thread, {commit}.* "
-    between = re.compile(rf"(<!-- figures: {re.escape(name)} -->\n).*?(<!-- end -->)", re.DOTALL)
+    between = re.compile(rf"(<!-- rivals: {re.escape(name)} -->\n).*?(<!-- end -->)", re.DOTALL)
     text, count = between.subn(lambda m: f"{m[1]}\n{source}{figures}\n\n{m[2]}", page.read_text())
     if count != 1:
         sys.exit(f"fill.py: {page} has {count} places for {name}")

@@ -279,8 +279,9 @@ TEST(GivingWay, StiffnessIsThatOfSpringsInSeries) {
   }
 }
 
-// `hsl` leaves other bodies out, as the paper does: the block gives no way, and does not float away either. Giving way it
-// would take a third off, as of springs in series; what is left, less than half of that, is which contacts are chosen.
+// `hsl` leaves other bodies out, as the paper does: the block gives no way, and does not float away either. Giving way
+// it would take a third off, as of springs in series; what is left, less than half of that, is which contacts are
+// chosen.
 TEST(GivingWay, DiagonalModelFeelsTheToolAlone) {
   const double rigid = pressedStiffness(Base::rigid, true, DelassusModel::diagonal);
   const double soft_block = pressedStiffness(Base::soft, true, DelassusModel::diagonal);

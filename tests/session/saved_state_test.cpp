@@ -17,7 +17,7 @@
 namespace palpate {
 namespace {
 
-constexpr int kSteps = 50;       // that are compared
+constexpr int kSteps = 50;        // that are compared
 constexpr double kSearch = 12.0;  // [s], within which a scene must slide
 
 /// Bytes of plain numbers, so that equal means equal to the bit.

@@ -115,7 +115,8 @@ Drift spinDrift(double h) {
   const auto angular = [&] {
     const Body tool = world.tool();
     const Handle& hd = tool.model.handle();
-    Vec3 sum = tool.state.handle.pose.position.cross(hd.mass * Vec3(tool.state.handle.twist.head<3>())) + hd.worldInertia(tool.state.handle.pose) * tool.state.handle.twist.tail<3>();
+    Vec3 sum = tool.state.handle.pose.position.cross(hd.mass * Vec3(tool.state.handle.twist.head<3>())) +
+               hd.worldInertia(tool.state.handle.pose) * tool.state.handle.twist.tail<3>();
     for (int i = 0; i < tool.model.nodes(); ++i) {
       if (tool.model.row()[i] < 0) continue;
       sum += tool.state.positions.segment<3>(3 * i).cross(tool.model.elasticity().mass()[i] *

@@ -96,7 +96,8 @@ TEST(Step, InvertedElementsRecover) {
   world.add(bar({2, 2, 2}, material));
   const Body body = world.body(0);
   BodyState state = body.state;
-  for (Eigen::Index i = 0; i < state.positions.size(); ++i) state.positions[i] += 0.03 * std::sin(12.9898 * static_cast<double>(i + 1));
+  for (Eigen::Index i = 0; i < state.positions.size(); ++i)
+    state.positions[i] += 0.03 * std::sin(12.9898 * static_cast<double>(i + 1));
   world.setBody(0, state);
   int inverted = 0;
   for (const ElasticElement& e : body.model.elasticity().elements()) {

@@ -41,7 +41,8 @@ struct ElasticElement {
 
 /// What an elastic body remembers from step to step besides its positions.
 struct ElasticState {
-  std::vector<Mat3> rotations;   ///< one an element, of the last step's start: its next polar decomposition's first guess
+  std::vector<Mat3>
+      rotations;  ///< one an element, of the last step's start: its next polar decomposition's first guess
   double stiffness_scale = 1.0;  ///< factor > 0 on all moduli; damping follows
 };
 
@@ -54,10 +55,10 @@ struct ElementForces {
 /// Rotations and forces at the end of a step, found with its energy: those of the next step's start. A cache: what it
 /// holds is what would be found anew, to the bit.
 struct ElasticAhead {
-  VecX x;                             ///< positions that it is for; empty: none
-  std::vector<Mat3> rotations;        ///< one an element
-  VecX forces;                        ///< all nodes [N]
-  std::vector<ElementForces> element; ///< scratch
+  VecX x;                              ///< positions that it is for; empty: none
+  std::vector<Mat3> rotations;         ///< one an element
+  VecX forces;                         ///< all nodes [N]
+  std::vector<ElementForces> element;  ///< scratch
   bool isFor(const VecX& positions) const { return x.size() == positions.size() && x == positions; }
   void clear() { x.resize(0); }
 };

@@ -67,7 +67,9 @@ BoundaryElement view(const Body& tool, int index) {
   return b;
 }
 
-double stiffnessTime(const Body& tool) { return tool.system.input().step + tool.model.elasticity().material().damping_beta; }
+double stiffnessTime(const Body& tool) {
+  return tool.system.input().step + tool.model.elasticity().material().damping_beta;
+}
 
 }  // namespace
 

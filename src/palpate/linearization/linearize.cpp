@@ -77,11 +77,11 @@ Vec6 couplingWrench(const World& world) { return couplingForces(world.tool()).wr
 HandleModel linearize(const World& world, const LinearizationSettings& settings, double time) {
   const Body tool = world.tool();
   const CouplingForces forces = couplingForces(tool);
-  const ActiveContacts active = activeContacts(world, settings);                                    // step 2
-  const RightHandSides b = differentiateRightHandSides(world, active, forces, settings);            // step 3
-  const VelocityDerivatives v = differentiateVelocities(tool.system, active, b);                    // step 4, eq. (11)
-  const Mat612 df = differentiateForce(tool, v);                                                    // step 5, eq. (6)
-  return handleModel(tool, forces.wrench + handleContact(world), b, v, df, time);                   // step 6, eq. (7, 8)
+  const ActiveContacts active = activeContacts(world, settings);                          // step 2
+  const RightHandSides b = differentiateRightHandSides(world, active, forces, settings);  // step 3
+  const VelocityDerivatives v = differentiateVelocities(tool.system, active, b);          // step 4, eq. (11)
+  const Mat612 df = differentiateForce(tool, v);                                          // step 5, eq. (6)
+  return handleModel(tool, forces.wrench + handleContact(world), b, v, df, time);         // step 6, eq. (7, 8)
 }
 
 }  // namespace palpate

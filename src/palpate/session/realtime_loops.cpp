@@ -7,12 +7,10 @@
 namespace palpate {
 namespace {
 
-SubstepBudget budgetOf(const RunTiming& timing) {
-  return {timing.visual_step, timing.substeps, timing.substeps_auto};
-}
+SubstepBudget budgetOf(const RunTiming& timing) { return {timing.visual_step, timing.substeps, timing.substeps_auto}; }
 
 constexpr int kHapticPriority = 80;
-constexpr std::size_t kTickRows = 4096;               // four seconds for the owner to fall behind
+constexpr std::size_t kTickRows = 4096;  // four seconds for the owner to fall behind
 constexpr std::size_t kVisualRows = 512;
 constexpr std::int64_t kReportEvery = 512;  // ticks
 

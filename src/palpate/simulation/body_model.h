@@ -46,7 +46,7 @@ class BodyModel {
   bool held() const { return held_; }                  ///< by the device
   bool framed() const { return handle_.has_value(); }  ///< held or rigid: has a handle frame among its unknowns
   bool isRigid() const { return framed() && free_.empty(); }
-  const Handle& handle() const { return *handle_; }  ///< of a framed body
+  const Handle& handle() const { return *handle_; }                    ///< of a framed body
   const std::vector<int>& free() const { return free_; }               ///< free row -> node
   const std::vector<int>& row() const { return row_; }                 ///< node -> free row, -1 if attached
   const std::vector<int>& attachedIndex() const { return attached_; }  ///< node -> index in handle().nodes, -1 if free

@@ -245,8 +245,8 @@ void BodySystem::solveFree() {
 }
 
 // Contact impulses on the free nodes, into prediction_, and on the handle; whether there are any.
-bool BodySystem::addImpulses(const std::vector<Contact>& contacts, const ContactRows& own, int self, const VecX& impulse,
-                       Vec6& on_handle) {
+bool BodySystem::addImpulses(const std::vector<Contact>& contacts, const ContactRows& own, int self,
+                             const VecX& impulse, Vec6& on_handle) {
   prediction_.setZero(3 * model_->freeNodes(), 1);
   on_handle.setZero();
   for (const int i : own.contacts) {
@@ -306,7 +306,7 @@ void BodySystem::addColumns(const Contact& c, int self, Eigen::Index column, Bod
 }
 
 void BodySystem::contactRows(const std::vector<Contact>& contacts, int self, const std::vector<char>& changed,
-                       BodyContactRows& rows) {
+                             BodyContactRows& rows) {
   const Eigen::Index count = rows.rows();
   changed_.clear();
   for (std::size_t k = 0; k < rows.contacts.size(); ++k) {
@@ -397,7 +397,7 @@ void BodySystem::updateDelassus(const std::vector<Contact>& contacts, int self, 
 }
 
 MatX BodySystem::rowVelocity(const std::vector<Contact>& contacts, const ContactRows& own, int self,
-                       const MatX& v) const {
+                             const MatX& v) const {
   MatX out = MatX::Zero(own.rows(), v.cols());
   for (std::size_t i = 0; i < own.contacts.size(); ++i) {
     const Contact& c = contacts[own.contacts[i]];
@@ -424,7 +424,7 @@ void BodySystem::nodeVelocity(const ContactPoint& point, const VecX& v, const Ve
 }
 
 void BodySystem::addFreeRowVelocity(const std::vector<Contact>& contacts, const ContactRows& own, int self,
-                              VecX& velocity) const {
+                                    VecX& velocity) const {
   Vec3 v;
   for (const int i : own.contacts) {
     auto rows = velocity.segment<3>(3 * i);
@@ -439,7 +439,8 @@ void BodySystem::addFreeRowVelocity(const std::vector<Contact>& contacts, const 
   }
 }
 
-void BodySystem::applyImpulse(const std::vector<Contact>& contacts, const BodyContactRows& rows, int self, const VecX& lambda) {
+void BodySystem::applyImpulse(const std::vector<Contact>& contacts, const BodyContactRows& rows, int self,
+                              const VecX& lambda) {
   Vec6 on_handle;
   v_end_ = v_free_;
   u_end_ = u_free_;
@@ -447,8 +448,7 @@ void BodySystem::applyImpulse(const std::vector<Contact>& contacts, const BodyCo
   if (!model_->free().empty() && nodes_last_) {
     on_trailing_.resize(static_cast<Eigen::Index>(3 * last_nodes_.size()));
     for (std::size_t k = 0; k < last_nodes_.size(); ++k) {
-      on_trailing_.segment<3>(static_cast<Eigen::Index>(3 * k)) =
-          prediction_.block<3, 1>(3 * row(last_nodes_[k]), 0);
+      on_trailing_.segment<3>(static_cast<Eigen::Index>(3 * k)) = prediction_.block<3, 1>(3 * row(last_nodes_[k]), 0);
     }
     impulse_response_.resize(v_free_.size());
     factor_.solveFromTrailing(on_trailing_, impulse_response_);

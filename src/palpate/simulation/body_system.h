@@ -73,8 +73,7 @@ class BodySystem {
   void contactRows(const std::vector<Contact>& contacts, int self, const std::vector<char>& changed,
                    BodyContactRows& rows);
   /// Adds J v of the given contacts to the row velocities of all contacts, for the free motion.
-  void addFreeRowVelocity(const std::vector<Contact>& contacts, const ContactRows& own, int self,
-                          VecX& velocity) const;
+  void addFreeRowVelocity(const std::vector<Contact>& contacts, const ContactRows& own, int self, VecX& velocity) const;
   /// J v of this body's rows for velocities of its free nodes [3 free x columns]: [rows of own x columns].
   MatX rowVelocity(const std::vector<Contact>& contacts, const ContactRows& own, int self, const MatX& v) const;
   /// End velocities under contact impulses lambda [rows of all contacts].
@@ -113,7 +112,7 @@ class BodySystem {
   const VecX& endVelocity() const { return v_end_; }        ///< free nodes, 3 free
   const Vec6& endTwist() const { return u_end_; }
   SparseCholesky& factor() { return factor_; }
-  const SymmetricBlockMatrix& matrix() const { return a_; }  ///< A_tt
+  const SymmetricBlockMatrix& matrix() const { return a_; }             ///< A_tt
   const std::vector<int>& contactNodes() const { return last_nodes_; }  ///< ordered last, or for which none is
   std::size_t analyses() const { return analyses_; }
 

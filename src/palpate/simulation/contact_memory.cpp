@@ -12,8 +12,8 @@ void ContactMemory::touchedNodes(int body, int nodes, std::vector<int>& out) con
 }
 
 const ContactMemory::Force* ContactMemory::find(std::uint64_t track) const {
-  const auto at =
-      std::lower_bound(forces.begin(), forces.end(), track, [](const Force& a, std::uint64_t t) { return a.track < t; });
+  const auto at = std::lower_bound(forces.begin(), forces.end(), track,
+                                   [](const Force& a, std::uint64_t t) { return a.track < t; });
   return at != forces.end() && at->track == track ? &*at : nullptr;
 }
 

@@ -37,8 +37,8 @@ class IslandSolver {
   void gather(const ContactIsland& island, const ContactSet& set, double h, Scratch& own) const;
   void solveIsland(std::size_t index, double h, double scale, const ContactSettings& settings, ContactSet& set);
 
-  std::vector<ContactIsland> before_;        // of the pass before
-  std::vector<char> kept_;                   // of the present pass
+  std::vector<ContactIsland> before_;         // of the pass before
+  std::vector<char> kept_;                    // of the present pass
   std::vector<int> root_, of_root_, island_;  // while islands are found: of bodies, islands of roots, of contacts
   std::vector<Scratch> scratch_;
 };

@@ -11,7 +11,7 @@ constexpr int kMaxSteps = 3000;
 constexpr double kTolerance = 1e-12;  // displacement of a step, relative to the bodies' mean edge
 // in contact the solver's tolerance, times so long a step, is a floor that displacements do not fall below
 constexpr double kContactFloor = 1e-6;
-constexpr int kPatience = 5;  // steps without a smaller displacement
+constexpr int kPatience = 5;                                                   // steps without a smaller displacement
 constexpr double kFirstStep = 0.02, kShortestStep = 1e-3, kLongestStep = 2.0;  // [s]
 // nobody holds a free body: its rigid motions meet only its mass, which a long step makes small beside h^2 K
 constexpr double kLongestFreeStep = 0.05;  // [s]

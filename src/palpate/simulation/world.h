@@ -23,8 +23,8 @@ struct Body {
   BodySystem& system;
 };
 
-/// All bodies and obstacles of a scene, and the visual step. Model and settings are public or fixed by add(); what moves
-/// is in state(); the rest is scratch. Knows no files, devices, threads or clocks.
+/// All bodies and obstacles of a scene, and the visual step. Model and settings are public or fixed by add(); what
+/// moves is in state(); the rest is scratch. Knows no files, devices, threads or clocks.
 class World {
  public:
   Vec3 gravity{0, 0, -9.81};

@@ -71,10 +71,8 @@ class Reader {
 // One list of fields for both directions.
 
 template <class A, class T>
-  requires std::is_arithmetic_v<T> || std::is_enum_v<T>
-void fields(A& a, T& value) {
-  a.number(value);
-}
+requires std::is_arithmetic_v<T> || std::is_enum_v<T>
+void fields(A& a, T& value) { a.number(value); }
 
 template <class A>
 void fields(A& a, bool& value) {

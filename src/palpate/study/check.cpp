@@ -71,7 +71,8 @@ class SlowBody {
       const auto& node = body_.model.elasticity().elements()[e].node;
       Vec12 d;
       for (int k = 0; k < 4; ++k) {
-        d.segment<3>(3 * k) = rotation_[e].transpose() * x.segment<3>(3 * node[k]) - body_.model.mesh().mesh.nodes[node[k]];
+        d.segment<3>(3 * k) =
+            rotation_[e].transpose() * x.segment<3>(3 * node[k]) - body_.model.mesh().mesh.nodes[node[k]];
       }
       const Vec12 local = stiffness_[e] * d;
       for (int k = 0; k < 4; ++k) f.segment<3>(3 * node[k]) -= rotation_[e] * local.segment<3>(3 * k);
@@ -225,7 +226,8 @@ class SlowBody {
     frame.bottomRightCorner<3, 3>() += r * (handle.inertia + drag * handle.attached_inertia) * r.transpose();
     if (body_.model.held()) {
       const LinkParameters& link = body_.system.input().link;
-      const Mat3 jl = leftJacobianInverse(logRotation(pose.rotation * body_.system.input().device.pose.rotation.conjugate()));
+      const Mat3 jl =
+          leftJacobianInverse(logRotation(pose.rotation * body_.system.input().device.pose.rotation.conjugate()));
       frame.topLeftCorner<3, 3>() += (h * link.damping + h * h * link.stiffness) * Mat3::Identity();
       frame.bottomRightCorner<3, 3>() += h * link.rotational_damping * Mat3::Identity() +
                                          0.5 * h * h * link.rotational_stiffness * (jl + jl.transpose());
@@ -317,7 +319,8 @@ class SlowStep {
       for (const auto& [point, sign] : {std::pair(&c.first, 1.0), std::pair(&c.second, -1.0)}) {
         if (point->body != world_.toolIndex()) continue;
         for (int k = 0; k < point->count; ++k) {
-          const Vec3 moved = x.segment<3>(3 * point->node[k]) - tool_.system.startPositions().segment<3>(3 * point->node[k]);
+          const Vec3 moved =
+              x.segment<3>(3 * point->node[k]) - tool_.system.startPositions().segment<3>(3 * point->node[k]);
           gap += sign * point->weight[k] * c.normal.dot(moved);
         }
       }
@@ -422,9 +425,10 @@ void centralDifferences(SlowStep& step, const World& world, double length, Mat6&
   for (int k = 0; k < 6; ++k) {
     const Vec6 along = Vec6::Unit(k) * (k < 3 ? 1.0 : 1.0 / length);
     kx.col(k) = centralDifference(
-        [&](double d) { return step.force(advance(tool.system.startPose(), d * along), tool.system.startTwist()); }, angle * length);
-    kv.col(k) =
-        centralDifference([&](double d) { return step.force(tool.system.startPose(), tool.system.startTwist() + d * along); }, speed);
+        [&](double d) { return step.force(advance(tool.system.startPose(), d * along), tool.system.startTwist()); },
+        angle * length);
+    kv.col(k) = centralDifference(
+        [&](double d) { return step.force(tool.system.startPose(), tool.system.startTwist() + d * along); }, speed);
     if (k < 3) continue;
     kx.col(k) *= length;
     kv.col(k) *= length;

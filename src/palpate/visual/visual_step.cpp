@@ -60,7 +60,7 @@ VisualRecord visualStep(World& world, const DeviceTarget& target, const VisualSt
     stepInParts(world, target, settings, previous, record);
     return record;
   }
-  record.step = world.step(target, settings.step);              // 1: constrained dynamics, eq. (2)
+  record.step = world.step(target, settings.step);            // 1: constrained dynamics, eq. (2)
   record.model = modelOf(world, settings, record, previous);  // 2 to 6: eq. (6) to (11)
   return record;
 }
