@@ -279,7 +279,7 @@ TEST(SceneReader, NumbersReadToTheLastDigit) {
 TEST(SceneReader, ErrorsNameFileKeyLineAndRange) {
   EXPECT_EQ(
       rejectedChange("density: 250", "density: -3"),
-      "s.yaml: tool.material.density (line 35): -3 is out of range; it must be above 0 and at most 100000 kg/m^3");
+      "s.yaml: tool.material.density (line 36): -3 is out of range; it must be above 0 and at most 100000 kg/m^3");
   EXPECT_EQ(
       rejectedChange("[0.1, -0.2, -9.5]", "[0.1, -0.2, .nan]"),
       "s.yaml: gravity[2] (line 4): nan is not a finite number; it must be at least -1000 and at most 1000 m/s^2");
@@ -287,14 +287,14 @@ TEST(SceneReader, ErrorsNameFileKeyLineAndRange) {
 
 TEST(SceneReader, UnknownKeysGetTheNearestKnownOne) {
   EXPECT_EQ(rejectedChange("density: 250", "densty: 250"),
-            "s.yaml: tool.material (line 35): unknown key \"densty\"; the nearest known key is \"density\"");
+            "s.yaml: tool.material (line 36): unknown key \"densty\"; the nearest known key is \"density\"");
   EXPECT_EQ(rejectedChange("gravity:", "gravtiy:"),
             "s.yaml: line 4: unknown key \"gravtiy\"; the nearest known key is \"gravity\"");
   EXPECT_EQ(
       rejectedChange("keyframes:", "key_frames:"),
-      "s.yaml: tool.handles.grip.hand (line 53): unknown key \"key_frames\"; the nearest known key is \"keyframes\"");
+      "s.yaml: tool.handles.grip.hand (line 54): unknown key \"key_frames\"; the nearest known key is \"keyframes\"");
   EXPECT_EQ(rejectedChange("{alien:", "{allien:"),
-            "s.yaml: tool.shape (line 29): unknown key \"allien\"; the nearest known key is \"alien\"");
+            "s.yaml: tool.shape (line 30): unknown key \"allien\"; the nearest known key is \"alien\"");
   const std::string strange = rejectedText(kSmallScene + "\"a\\nb" + std::string(500, 'x') + "\": 1\n");
   EXPECT_EQ(strange.find('\n'), std::string::npos);
   EXPECT_LT(strange.size(), 200U);

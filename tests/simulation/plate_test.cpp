@@ -23,19 +23,12 @@ double lowest(const Body& body) {
   return z;
 }
 
-struct Swing {
-  int cut = 0;         // motions cut short
-  double gap = 1e300;  // least [m]
-  double end_gap = 0;  // [m]
-  int end_active = 0;
-  double lost = 0;
-  int passes = 0;
-};
-
-// The device swings through the plate at 2 m/s, from a random attitude, for 0.2 s, and stays below it for as long.
-Swing swing(int seed, double spin) {
+// The device swings through the plate at 2 m/s, turning, from a random attitude, for 0.2 s, and stays below it for as
+// long. The tool stays above; and as the link pulls it down all the time, it ends pressed on the plate: motions that were
+// cut short again and again would leave it hanging in the air.
+void swing(int seed) {
   constexpr double h = 0.033;
-  Swing out;
+  constexpr int kMoving = 6, kSteps = 12;
   std::mt19937 random(static_cast<unsigned>(seed));
   std::uniform_real_distribution<double> uniform(-1, 1);
   const Vec3 axis = Vec3(uniform(random), uniform(random), uniform(random)).normalized();
@@ -55,43 +48,24 @@ Swing swing(int seed, double spin) {
   handle.inertia.setConstant(1e-5);
   holdNodes(body, nodesWhere(bar.mesh.nodes, [](const Vec3& p) { return p.z() < 1e-9; }), handle);  // one end
   world.add(std::move(body), true);
-  EXPECT_GT(lowest(world.tool()), 0.5 * kThickness);
+  ASSERT_GT(lowest(world.tool()), 0.5 * kThickness);
   DeviceTarget device{world.tool().state.handle.pose, Vec6::Zero()};
   const Vec3 down = Vec3(0.7 * uniform(random), 0.7 * uniform(random), -1).normalized();
-  device.twist << 2.0 * down, spin * Vec3(uniform(random), uniform(random), uniform(random)).normalized();
-  for (int n = 0; n < 12; ++n) {
-    if (n == 6) device.twist.setZero();
+  device.twist << 2.0 * down, 20.0 * Vec3(uniform(random), uniform(random), uniform(random)).normalized();
+  int active = 0;
+  for (int n = 0; n < kSteps; ++n) {
+    if (n == kMoving) device.twist.setZero();
     device.pose = advance(device.pose, h * device.twist);
     const StepReport report = world.step(device, h);
-    EXPECT_NE(report.status, StepStatus::restored) << "seed " << seed;
-    out.cut += report.motion_share < 1 ? 1 : 0;
-    out.lost += 1 - report.motion_share;
-    if (report.motion_share < 1 && report.active == 0) printf("cut without contact\n");
-    if (report.motion_share < 1) out.passes = std::max(out.passes, report.passes);
-    out.end_gap = lowest(world.tool()) - 0.5 * kThickness;
-    EXPECT_GT(out.end_gap, 0) << "seed " << seed << " step " << n;
-    out.gap = std::min(out.gap, out.end_gap);
-    out.end_active = report.active;
+    ASSERT_NE(report.status, StepStatus::restored) << "seed " << seed;
+    ASSERT_GT(lowest(world.tool()), 0.5 * kThickness) << "seed " << seed << " step " << n;
+    active = report.active;
   }
-  return out;
+  EXPECT_GT(active, 0) << "seed " << seed;
 }
-TEST(Experiment, Plate) {
-  for (const double spin : {0.0, 5.0, 20.0}) {
-    int cut = 0, most = 0, idle = 0;
-    double lost = 0, worst = 0, end = 0, gap = 1;
-    for (int seed = 0; seed < 1000; ++seed) {
-      const Swing s = swing(seed, spin);
-      cut += s.cut;
-      most = std::max(most, s.cut);
-      lost += s.lost;
-      worst = std::max(worst, s.lost);
-      end = std::max(end, s.end_gap);
-      gap = std::min(gap, s.gap);
-      idle += s.end_active == 0;
-    }
-    printf("spin %g cut %d most %d lost %g worst %g end gap %g least %g idle %d\n", spin, cut, most, lost, worst, end,
-           gap, idle);
-  }
+
+TEST(ThinPlate, KeepsAToolThatIsSwungThroughItOnItsSide) {
+  for (int seed = 0; seed < 1000; ++seed) swing(seed);
 }
 
 }  // namespace

@@ -13,7 +13,7 @@ namespace palpate {
 inline double stableNorm(const Vec3& v) {
   const double largest = v.cwiseAbs().maxCoeff();
   if (!(largest > 0) || std::isinf(largest)) return largest;
-  const double scale = std::max(largest, 1 / std::numeric_limits<double>::max()), inverse = 1 / scale;
+  const double scale = std::max(largest, std::numeric_limits<double>::min()), inverse = 1 / scale;
   const double x = v.x() * inverse, y = v.y() * inverse, z = v.z() * inverse;
   return scale * std::sqrt(x * x + y * y + z * z);
 }
