@@ -15,8 +15,8 @@ using Swept = fcl::AABB<double>;
 using Placed = fcl::OBBRSS<double>;
 using Vectors = std::vector<fcl::Vector3d>;
 
-/// FCL's continuous tests take volumes below 1e-7 for nothing, whatever the unit: in meters they never find triangles of
-/// a few millimeters. In millimeters they do.
+/// FCL's continuous tests take volumes below 1e-7 for nothing, whatever the unit: in meters they never find triangles
+/// of a few millimeters. In millimeters they do.
 constexpr double kUnit = 1e3;
 
 void convert(const Points& points, Vectors& out) {

@@ -346,9 +346,9 @@ TEST(Pile, FrictionTakesAndEnergyDoesNotGrow) {
 }
 
 // The order of bodies decides that of the candidates, and which surface is a pair's first. Without friction the contact
-// problem is convex and its velocities are unique, so each step from the same state ends in the same places whatever the
-// order: to the solver's tolerance, 1e-10 of some 2 m/s, in a step of 5 ms. (With friction Coulomb's law allows several
-// solutions, and which is found is decided by rounding.)
+// problem is convex and its velocities are unique, so each step from the same state ends in the same places whatever
+// the order: to the solver's tolerance, 1e-10 of some 2 m/s, in a step of 5 ms. (With friction Coulomb's law allows
+// several solutions, and which is found is decided by rounding.)
 TEST(Pile, OrderOfBodiesDoesNotMatter) {
   const std::vector<std::vector<int>> orders{{0, 1, 2, 3}, {3, 2, 1, 0}, {2, 0, 3, 1}};
   std::vector<World> worlds;

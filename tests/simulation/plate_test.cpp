@@ -24,8 +24,8 @@ double lowest(const Body& body) {
 }
 
 // The device swings through the plate at 2 m/s, turning, from a random attitude, for 0.2 s, and stays below it for as
-// long. The tool stays above; and as the link pulls it down all the time, it ends pressed on the plate: motions that were
-// cut short again and again would leave it hanging in the air.
+// long. The tool stays above; and as the link pulls it down all the time, it ends pressed on the plate: motions that
+// were cut short again and again would leave it hanging in the air.
 void swing(int seed) {
   constexpr double h = 0.033;
   constexpr int kMoving = 6, kSteps = 12;
