@@ -24,7 +24,7 @@ const SimulationMesh& bunny(int tetrahedra) {
 World heldBunny(int tetrahedra) {
   BodyModel body("bunny", bunny(tetrahedra), Material{});
   double top = 0;
-  for (int i = 0; i < body.nodes(); ++i) top = std::max(top, body.positions()[3 * i + 2]);
+  for (const Vec3& p : body.mesh().mesh.nodes) top = std::max(top, p.z());
   test::holdNodes(
       body, [&](const Vec3& p) { return p.z() >= 0.75 * top; }, test::kPlainHandle);
   World world;

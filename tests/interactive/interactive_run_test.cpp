@@ -64,7 +64,7 @@ class Listener final : public Audience {
   template <typename Condition>
   bool wait(Condition condition) {
     std::unique_lock lock(mutex_);
-    return changed_.wait_for(lock, std::chrono::seconds(20), [&] { return condition(*this); });
+    return changed_.wait_for(lock, std::chrono::seconds(120), [&] { return condition(*this); });
   }
 
   /// A copy of something, as it is now.

@@ -266,12 +266,13 @@ class Painter {
     const auto bound = [](float value, int last) {
       return static_cast<int>(std::clamp(value, -1.0F, static_cast<float>(last) + 1.0F));
     };
+    const float area = (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x);
+    if (!(std::abs(area) > 0.0F)) return;  // nothing to see, or a corner that is not a number
     const int left = std::max(0, bound(std::ceil(std::min({a.x, b.x, c.x}) - 0.5F), columns_));
     const int right = std::min(columns_ - 1, bound(std::floor(std::max({a.x, b.x, c.x}) - 0.5F), columns_));
     const int top = std::max(0, bound(std::ceil(std::min({a.y, b.y, c.y}) - 0.5F), rows_));
     const int bottom = std::min(rows_ - 1, bound(std::floor(std::max({a.y, b.y, c.y}) - 0.5F), rows_));
-    const float area = (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x);
-    if (left > right || top > bottom || !(std::abs(area) > 0.0F)) return;
+    if (left > right || top > bottom) return;
     const float scale = 1.0F / area;
     const float db = b.inverse_depth - a.inverse_depth, dc = c.inverse_depth - a.inverse_depth;
     for (int j = top; j <= bottom; ++j) {
