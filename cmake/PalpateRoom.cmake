@@ -31,6 +31,11 @@ if(PALPATE_SANITIZE)
 endif()
 target_link_libraries(palpate_options INTERFACE Eigen3::Eigen fmt::fmt) # both are in the precompiled headers
 
+# What libFuzzer steers by: it watches the rooms, and not the tests of the same build.
+if(PALPATE_FUZZ)
+  set(PALPATE_COVERAGE -fsanitize=fuzzer-no-link)
+endif()
+
 # Precompiled headers: what nearly every source includes. GCC takes the optimization of a precompiled header for that of
 # the whole source, so a target that compiles with other options than the rooms has one of its own.
 set(PALPATE_COMMON_HEADERS
@@ -45,6 +50,7 @@ function(palpate_precompiled name)
   target_precompile_headers(${name} PRIVATE ${PALPATE_COMMON_HEADERS} ${ARGN})
 endfunction()
 palpate_precompiled(palpate_headers)
+target_compile_options(palpate_headers PRIVATE ${PALPATE_COVERAGE})
 
 # With PALPATE_UNITY, a few sources that include those given, up to twelve each: headers are read and templates compiled
 # once for them all. CMake's own unity build writes absolute paths, which keeps a compiler cache from serving another
@@ -81,6 +87,7 @@ function(palpate_room name)
   if(ROOM_SOURCES OR ROOM_ALONE)
     palpate_join(joined room_${name} ${ROOM_SOURCES})
     add_library(palpate_${name} STATIC ${joined} ${ROOM_ALONE})
+    target_compile_options(palpate_${name} PRIVATE ${PALPATE_COVERAGE})
     if(ROOM_OPTIONS)
       target_compile_options(palpate_${name} PRIVATE ${ROOM_OPTIONS})
     else()
