@@ -11,6 +11,12 @@ if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
   # GCC 12 gives false alarms inside its own AVX-512 headers, Eigen and std::string (GCC bugs 105593, 105651)
   target_compile_options(palpate_options INTERFACE -Wno-maybe-uninitialized -Wno-uninitialized -Wno-restrict
                                                    -Wno-array-bounds -Wno-stringop-overread -Wno-stringop-overflow)
+  # for a gigabyte more, no time for collecting garbage
+  target_compile_options(palpate_options INTERFACE --param=ggc-min-heapsize=1000000)
+endif()
+if(CMAKE_CXX_COMPILER_ID MATCHES "Clang")
+  # GoogleTest's macros, which C++20 allows
+  target_compile_options(palpate_options INTERFACE -Wno-gnu-zero-variadic-macro-arguments)
 endif()
 if(PALPATE_WERROR)
   target_compile_options(palpate_options INTERFACE -Werror)
@@ -24,6 +30,11 @@ if(PALPATE_SANITIZE)
   target_link_options(palpate_options INTERFACE -fsanitize=${PALPATE_SANITIZE})
 endif()
 target_link_libraries(palpate_options INTERFACE Eigen3::Eigen fmt::fmt) # both are in the precompiled headers
+
+# What libFuzzer steers by: it watches the rooms, and not the tests of the same build.
+if(PALPATE_FUZZ)
+  set(PALPATE_COVERAGE -fsanitize=fuzzer-no-link)
+endif()
 
 # Precompiled headers: what nearly every source includes. GCC takes the optimization of a precompiled header for that of
 # the whole source, so a target that compiles with other options than the rooms has one of its own.
@@ -39,11 +50,33 @@ function(palpate_precompiled name)
   target_precompile_headers(${name} PRIVATE ${PALPATE_COMMON_HEADERS} ${ARGN})
 endfunction()
 palpate_precompiled(palpate_headers)
+target_compile_options(palpate_headers PRIVATE ${PALPATE_COVERAGE})
 
-function(palpate_alone)
-  if(ARGN)
-    set_source_files_properties(${ARGN} PROPERTIES SKIP_UNITY_BUILD_INCLUSION ON)
+# With PALPATE_UNITY, a few sources that include those given, up to twelve each: headers are read and templates compiled
+# once for them all. CMake's own unity build writes absolute paths, which keeps a compiler cache from serving another
+# checkout.
+function(palpate_join variable name)
+  if(NOT PALPATE_UNITY)
+    set(${variable} ${ARGN} PARENT_SCOPE)
+    return()
   endif()
+  set(joined "")
+  set(count 0)
+  foreach(source IN LISTS ARGN)
+    get_filename_component(path ${source} ABSOLUTE)
+    file(RELATIVE_PATH path ${CMAKE_SOURCE_DIR} ${path})
+    math(EXPR part "${count} / 12")
+    set(file ${CMAKE_CURRENT_BINARY_DIR}/${name}_${part}.cpp)
+    list(APPEND joined ${file})
+    string(APPEND content_${part} "#include \"${path}\"\n")
+    math(EXPR count "${count} + 1")
+  endforeach()
+  list(REMOVE_DUPLICATES joined)
+  foreach(file IN LISTS joined)
+    string(REGEX REPLACE ".*_([0-9]+)\\.cpp" "\\1" part ${file})
+    file(GENERATE OUTPUT ${file} CONTENT "${content_${part}}")
+  endforeach()
+  set(${variable} ${joined} PARENT_SCOPE)
 endfunction()
 
 # palpate_room(NAME SOURCES ... DEPENDS ... [LIBRARIES ...] [ALONE ...] [OPTIONS ...]): one static library, palpate_NAME,
@@ -52,8 +85,9 @@ endfunction()
 function(palpate_room name)
   cmake_parse_arguments(ROOM "" "" "SOURCES;DEPENDS;LIBRARIES;ALONE;OPTIONS" ${ARGN})
   if(ROOM_SOURCES OR ROOM_ALONE)
-    add_library(palpate_${name} STATIC ${ROOM_SOURCES} ${ROOM_ALONE})
-    palpate_alone(${ROOM_ALONE})
+    palpate_join(joined room_${name} ${ROOM_SOURCES})
+    add_library(palpate_${name} STATIC ${joined} ${ROOM_ALONE})
+    target_compile_options(palpate_${name} PRIVATE ${PALPATE_COVERAGE})
     if(ROOM_OPTIONS)
       target_compile_options(palpate_${name} PRIVATE ${ROOM_OPTIONS})
     else()
@@ -86,8 +120,8 @@ endif()
 # build as well, those labelled tsan in the thread-sanitizer build. ALONE: sources that a unity build must not join.
 function(palpate_test name)
   cmake_parse_arguments(TEST "" "" "SOURCES;ALONE;DEPENDS;LIBRARIES;LABELS" ${ARGN})
-  add_executable(test_${name} ${TEST_SOURCES} ${TEST_ALONE})
-  palpate_alone(${TEST_ALONE})
+  palpate_join(joined test_${name} ${TEST_SOURCES})
+  add_executable(test_${name} ${joined} ${TEST_ALONE})
   target_precompile_headers(test_${name} REUSE_FROM palpate_test_headers)
   target_compile_options(test_${name} PRIVATE -O1)  # the rooms are what is tested; this halves the build of the tests
   foreach(other IN LISTS TEST_DEPENDS)
@@ -95,6 +129,9 @@ function(palpate_test name)
   endforeach()
   target_link_libraries(test_${name} PRIVATE palpate_options ${TEST_LIBRARIES} GTest::gtest GTest::gtest_main)
   set(properties TIMEOUT 600)
+  if(name MATCHES "_(long|hard)$")
+    list(APPEND properties COST 100) # the longest first, so that none runs alone at the end
+  endif()
   foreach(label IN LISTS TEST_LABELS)
     if(NOT TARGET tests_${label})
       message(FATAL_ERROR "test_${name}: unknown label '${label}'; there are core and tsan")
@@ -109,7 +146,7 @@ function(palpate_test name)
                                                                                                       ${properties})
 endfunction()
 
-# Sources that open the repository's files. Nobody else is told where it is, so that a compiler cache serves any checkout.
+# Sources (ALONE) that open the repository's files. Nobody else is told where it is, so that a compiler cache serves any checkout.
 function(palpate_source_dir)
   set_property(SOURCE ${ARGN} APPEND PROPERTY COMPILE_DEFINITIONS PALPATE_SOURCE_DIR="${CMAKE_SOURCE_DIR}")
 endfunction()

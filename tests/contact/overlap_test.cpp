@@ -12,7 +12,7 @@ namespace {
 
 using namespace test;
 
-Eigen::Affine3d shifted(const Vec3& d) { return affine(Mat3::Identity(), d); }
+Eigen::Affine3d movedBy(const Vec3& d) { return affine(Mat3::Identity(), d); }
 
 TEST(Inside, AgreesWithTheBoxItself) {
   const Vec3 half(0.02, 0.03, 0.05);
@@ -50,7 +50,7 @@ TEST(Inside, AgreesWithTheWindingNumber) {
   for (unsigned seed = 0; seed < 10; ++seed) {
     Chance chance(seed);
     CollisionSurface s(chance.surface());
-    place(s, affine(chance.rotation(), chance.vector(0.1)), shifted(Vec3::Zero()));
+    place(s, affine(chance.rotation(), chance.vector(0.1)), movedBy(Vec3::Zero()));
     const WindingNumber twin(Surface{s.start, s.triangles()});
     Vec3 center = Vec3::Zero();
     for (const Vec3& p : s.start) center += p / static_cast<double>(s.start.size());
@@ -94,7 +94,7 @@ TEST(ClosestPoint, NormalsOfEdgesAndCornersLieBetween) {
 TEST(Overlaps, SpheresInEachOther) {
   CollisionSurface a(sphereSurface(0.02, 3)), b(sphereSurface(0.03, 3));
   for (const double distance : {0.055, 0.049, 0.045, 0.02, 0.005}) {
-    place(b, shifted(Vec3(0, 0, distance)), shifted(Vec3::Zero()));
+    place(b, movedBy(Vec3(0, 0, distance)), movedBy(Vec3::Zero()));
     std::vector<OverlapPoint> points;
     findOverlaps(a, b, points);
     EXPECT_EQ(points.empty(), distance > 0.05);
@@ -124,7 +124,7 @@ TEST(Overlaps, SpheresInEachOther) {
 TEST(Overlaps, ABarThroughAPlateIsSeenByItsEdges) {
   // no vertex of either is inside the other
   CollisionSurface bar(boxSurface(Vec3(0.01, 0.01, 0.1))), plate(boxSurface(Vec3(0.1, 0.1, 0.004)));
-  place(bar, affine(Chance(3).rotation(0.3), Vec3(0.011, 0.007, 0.003)), shifted(Vec3::Zero()));
+  place(bar, affine(Chance(3).rotation(0.3), Vec3(0.011, 0.007, 0.003)), movedBy(Vec3::Zero()));
   std::vector<OverlapPoint> points;
   findOverlaps(plate, bar, points);
   ASSERT_FALSE(points.empty());

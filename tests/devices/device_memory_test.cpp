@@ -12,11 +12,11 @@
 #include "palpate/devices/recorded_device.h"
 #include "palpate/haptics/haptic_loop.h"
 #include "palpate/math/rotation.h"
+#include "shared/tick.h"
 
 namespace palpate {
 namespace {
 
-constexpr double kDt = 0.001;
 constexpr int kBefore = 300;
 constexpr int kAfter = 200;
 

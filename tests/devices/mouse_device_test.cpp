@@ -7,11 +7,11 @@
 
 #include "palpate/math/rotation.h"
 #include "shared/count_allocations.h"
+#include "shared/tick.h"
 
 namespace palpate {
 namespace {
 
-constexpr double kDt = 0.001;
 
 Path lineUp() {
   return Path({{0.0, Vec3::Zero(), Vec3::Zero()}, {1.0, Vec3(0, 0, 0.1), Vec3::Zero()}}, Interpolation::linear);

@@ -8,11 +8,11 @@
 #include "palpate/devices/simulated_device.h"
 #include "palpate/haptics/haptic_loop.h"
 #include "palpate/math/rotation.h"
+#include "shared/tick.h"
 
 namespace palpate {
 namespace {
 
-constexpr double kDt = 0.001;
 
 HandleModel softModel() {
   HandleModel model;

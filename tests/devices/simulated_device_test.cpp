@@ -7,13 +7,13 @@
 #include "palpate/common/error.h"
 #include "palpate/haptics/haptic_loop.h"
 #include "palpate/math/rotation.h"
+#include "shared/tick.h"
 
 namespace palpate {
 namespace {
 
-constexpr double kDt = 0.001;
 
-Pose somewhere() {
+Pose elsewhere() {
   Vec6 xi;
   xi << 0.1, 0.2, 0.3, 0.5, -0.4, 0.2;
   return advance(Pose{}, xi);
@@ -26,19 +26,19 @@ Vec6 someWrench() {
 }
 
 TEST(SimulatedDevice, HandCarriesTheLoadOfTheStart) {
-  SimulatedDevice device(SimulatedDeviceSettings{}, Path(), somewhere());
+  SimulatedDevice device(SimulatedDeviceSettings{}, Path(), elsewhere());
   device.begin(someWrench());
   for (int i = 0; i < 1000; ++i) device.apply(someWrench(), i * kDt, kDt);
   const DeviceState state = device.sample(1.0);
-  EXPECT_LT(poseDifference(state.pose, somewhere()).norm(), 1e-12);
+  EXPECT_LT(poseDifference(state.pose, elsewhere()).norm(), 1e-12);
   EXPECT_LT(state.twist.norm(), 1e-10);
 }
 
 TEST(SimulatedDevice, GivesWayByItsSprings) {
   SimulatedDeviceSettings settings;
-  SimulatedDevice device(settings, Path(), somewhere());
+  SimulatedDevice device(settings, Path(), elsewhere());
   for (int i = 0; i < 3000; ++i) device.apply(someWrench(), i * kDt, kDt);
-  const Vec6 way = poseDifference(device.sample(3.0).pose, somewhere());
+  const Vec6 way = poseDifference(device.sample(3.0).pose, elsewhere());
   EXPECT_LT((way.head<3>() - someWrench().head<3>() / settings.hand_stiffness).norm(), 1e-9);
   EXPECT_LT((way.tail<3>() - someWrench().tail<3>() / settings.hand_rotational_stiffness).norm(), 1e-6);
 }
@@ -64,9 +64,9 @@ TEST(SimulatedDevice, FollowsThePath) {
   SimulatedDeviceSettings settings;
   settings.damping = settings.rotational_damping = 0.0;
   const Path path({{0.0, Vec3::Zero(), Vec3::Zero()}, {2.0, Vec3(0.1, 0.0, 0.0), Vec3(0, 0, 1.0)}});
-  SimulatedDevice device(settings, path, somewhere());
+  SimulatedDevice device(settings, path, elsewhere());
   for (int i = 0; i < 1000; ++i) device.apply(Vec6::Zero(), i * kDt, kDt);
-  const Path::Point target = path.at(1.0, somewhere());
+  const Path::Point target = path.at(1.0, elsewhere());
   EXPECT_LT(poseDifference(device.sample(1.0).pose, target.pose).norm(), 1e-6);
   EXPECT_LT((device.sample(1.0).twist - target.twist).norm(), 1e-6);
 }
@@ -85,17 +85,17 @@ TEST(SimulatedDevice, RestsInTheLoopFromTheFirstTick) {
   HapticLoop loop(settings);
   HandleModel model;
   model.force.z() = -1.0;
-  Pose proxy = somewhere();
+  Pose proxy = elsewhere();
   proxy.position.z() -= (1.0 + settings.proxy.mass * 9.81) / settings.link.stiffness;
-  SimulatedDevice device(SimulatedDeviceSettings{}, Path(), somewhere());
-  device.begin(loop.start(somewhere(), proxy, 0.0));
+  SimulatedDevice device(SimulatedDeviceSettings{}, Path(), elsewhere());
+  device.begin(loop.start(elsewhere(), proxy, 0.0));
   model.pose = proxy;
   model.kx = -500.0 * Mat6::Identity();
   model.kx.bottomRightCorner<3, 3>() = -0.5 * Mat3::Identity();
   for (int i = 0; i < 200; ++i) {
     const TickRecord record = loop.tick(device.sample(i * kDt), &model, i * kDt);
     device.apply(record.sent, i * kDt, kDt);
-    ASSERT_LT(poseDifference(record.device.pose, somewhere()).norm(), 1e-10);
+    ASSERT_LT(poseDifference(record.device.pose, elsewhere()).norm(), 1e-10);
   }
 }
 

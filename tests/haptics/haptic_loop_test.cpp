@@ -8,6 +8,7 @@
 
 #include "palpate/common/error.h"
 #include "shared/haptic_models.h"
+#include "shared/tick.h"
 
 namespace palpate {
 namespace {
@@ -17,7 +18,6 @@ using test::randomMatrix;
 using test::randomPose;
 using test::randomVec6;
 
-constexpr double kDt = 0.001;
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 
 /// Model of a tool that hangs at rest, 0.2 kg in all, with a handle of the proxy's mass.

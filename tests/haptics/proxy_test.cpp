@@ -4,6 +4,7 @@
 
 #include "palpate/common/error.h"
 #include "shared/haptic_models.h"
+#include "shared/tick.h"
 
 namespace palpate {
 namespace {
@@ -13,7 +14,6 @@ using test::randomMatrix;
 using test::randomPose;
 using test::randomVec6;
 
-constexpr double kDt = 0.001;
 const LinkParameters kLink{700.0, 5.0, 1.0, 0.005};
 
 ProxySettings lopsidedProxy() {

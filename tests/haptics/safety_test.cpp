@@ -6,12 +6,12 @@
 #include <limits>
 
 #include "palpate/common/error.h"
+#include "shared/tick.h"
 
 namespace palpate {
 namespace {
 
-constexpr double kDt = 0.001;
-constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+constexpr double kNotANumber = std::numeric_limits<double>::quiet_NaN();
 
 Vec6 wrench(double fx, double fy, double fz, double tx = 0, double ty = 0, double tz = 0) {
   Vec6 w;
@@ -43,7 +43,7 @@ TEST(Safety, PassesNormalContactThroughUnchanged) {
 }
 
 TEST(Safety, NotANumberBecomesZero) {
-  for (const double bad : {kNan, std::numeric_limits<double>::infinity(), -std::numeric_limits<double>::infinity()}) {
+  for (const double bad : {kNotANumber, std::numeric_limits<double>::infinity(), -std::numeric_limits<double>::infinity()}) {
     SafetyChain chain(withoutSlew());
     chain.start(wrench(1, 0, 0));
     const auto out = chain.process(input(wrench(1, bad, 0)), {});
@@ -113,7 +113,7 @@ TEST(Safety, StaleModelLetsTheWrenchFade) {
   for (int i = 0; i < 100; ++i) last = chain.process(input(wrench(2, 0, 0), 0.0), {}).wrench[0];
   EXPECT_EQ(last, 2.0);
   // An age that is not a number is a stale model.
-  EXPECT_LT(chain.process(input(wrench(2, 0, 0), kNan), {}).wrench[0], 2.0);
+  EXPECT_LT(chain.process(input(wrench(2, 0, 0), kNotANumber), {}).wrench[0], 2.0);
 }
 
 TEST(Safety, WatchdogLeavesTheOrdinaryAgeOfAModelAlone) {
@@ -156,7 +156,7 @@ TEST(Safety, RejectsBadSettings) {
   settings.peak_force = -1.0;
   EXPECT_THROW(SafetyChain{settings}, InputError);
   settings = {};
-  settings.start_ramp = kNan;
+  settings.start_ramp = kNotANumber;
   EXPECT_THROW(SafetyChain{settings}, InputError);
 }
 

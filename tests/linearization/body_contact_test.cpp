@@ -17,7 +17,7 @@ using namespace test;
 
 constexpr double kStep = 0.01;  // [s]
 
-Vec6 vec6(double a, double b, double c, double d = 0, double e = 0, double f = 0) {
+Vec6 sixVector(double a, double b, double c, double d = 0, double e = 0, double f = 0) {
   Vec6 v;
   v << a, b, c, d, e, f;
   return v;
@@ -39,7 +39,7 @@ HandleOptions lopsided(double own_mass = 0.02) {
 }
 
 // Soft 4 cm cube held at its top, its bottom at the given height.
-BodyModel heldCube(double height) {
+BodyModel heldCubeBody(double height) {
   BodyModel body("tool", moved(barMesh({0.04, 0.04, 0.04}, {2, 2, 2}), at({0.011, 0.008, height})), soft());
   holdNodes(
       body, [&](const Vec3& p) { return p.z() > height + 0.04 - 1e-9; }, lopsided());
@@ -60,12 +60,12 @@ World emptyWorld(double ground_friction = 0.9) {
   return world;
 }
 
-const Vec6 kPress = vec6(0.0005, 0.0002, -0.006, 0.02, 0.01, 0.01);
-const Vec6 kRub = vec6(0.014, 0.006, -0.006, 0.02, 0.01, 0.05);
+const Vec6 kPress = sixVector(0.0005, 0.0002, -0.006, 0.02, 0.01, 0.01);
+const Vec6 kRub = sixVector(0.014, 0.006, -0.006, 0.02, 0.01, 0.05);
 
 Situation onSoftBlock(bool slide) {
   Situation s{emptyWorld(), slide ? kRub : kPress};
-  s.world.add(heldCube(0.0305));
+  s.world.add(heldCubeBody(0.0305));
   s.world.add(BodyModel("block", barMesh({0.06, 0.06, 0.03}, {3, 3, 2}), soft(3e4)));
   // one that the tool's motion does not reach
   s.world.add(BodyModel("bystander", moved(barMesh({0.02, 0.02, 0.02}, {1, 1, 1}), at({0.2, 0, 0})), soft()));
@@ -74,7 +74,7 @@ Situation onSoftBlock(bool slide) {
 
 Situation onRigidBox(bool slide) {
   Situation s{emptyWorld(), slide ? kRub : kPress};
-  s.world.add(heldCube(0.0305));
+  s.world.add(heldCubeBody(0.0305));
   const Pose pose{Vec3(0.03, 0.03, 0.015), Quat::Identity()};
   s.world.add(BodyModel::rigid("box", placed(boxSurface({0.06, 0.06, 0.03}, {2, 2, 1}), pose), 800));
   return s;
@@ -83,7 +83,7 @@ Situation onRigidBox(bool slide) {
 // Rigid on soft: the tool's contacts reach the ground through two bodies.
 Situation onStack(bool slide) {
   Situation s{emptyWorld(), slide ? kRub : kPress};
-  s.world.add(heldCube(0.0427));
+  s.world.add(heldCubeBody(0.0427));
   s.world.add(BodyModel("block", barMesh({0.06, 0.06, 0.03}, {2, 2, 1}), soft(3e4), 2.0));
   const Pose pose{Vec3(0.03, 0.03, 0.0362), Quat::Identity()};
   s.world.add(BodyModel::rigid("plate", placed(boxSurface({0.06, 0.06, 0.012}), pose), 800, 2.0));
@@ -113,7 +113,7 @@ Situation onItself(bool slide) {
   BodyModel body("tool", simulationMeshOf(hook), soft());
   holdNodes(
       body, [](const Vec3& p) { return p.x() > 0.059 && p.z() > 0.011; }, lopsided());
-  Situation s{emptyWorld(2.0), slide ? vec6(0.008, 0.005, -0.008, 0, 0, 0.1) : vec6(0, 0, -0.008, 0, 0.05, 0)};
+  Situation s{emptyWorld(2.0), slide ? sixVector(0.008, 0.005, -0.008, 0, 0, 0.1) : sixVector(0, 0, -0.008, 0, 0.05, 0)};
   s.world.add(std::move(body), true);
   return s;
 }
@@ -122,7 +122,7 @@ Situation onMesh(bool slide) {
   Situation s{emptyWorld(), slide ? kRub : kPress};
   const Pose pose{Vec3(0.03, 0.03, 0.03), expRotation({0.05, 0.1, 0.3})};
   s.world.obstacles.push_back({MeshShape{placed(sphereSurface(0.03, 2), pose)}, std::nullopt, "knob"});
-  s.world.add(heldCube(0.0605));
+  s.world.add(heldCubeBody(0.0605));
   return s;
 }
 
@@ -130,8 +130,8 @@ Situation onMesh(bool slide) {
 Situation flyby(bool slide) {
   Situation s{emptyWorld(), Vec6::Zero()};
   s.world.gravity.setZero();
-  s.world.add(heldCube(0.1));
-  const Vec6 velocity = slide ? vec6(-0.3, 1.5, 0.1, 0, 0, 2) : vec6(-1.5, 0.02, 0.01, 0, 0, 0.5);
+  s.world.add(heldCubeBody(0.1));
+  const Vec6 velocity = slide ? sixVector(-0.3, 1.5, 0.1, 0, 0, 2) : sixVector(-1.5, 0.02, 0.01, 0, 0, 0.5);
   const Vec3 corner = slide ? Vec3(0.0535, -0.03, 0.105) : Vec3(0.085, 0.012, 0.105);
   s.world.add(BodyModel("ball", moved(barMesh({0.03, 0.03, 0.03}, {2, 2, 2}), at(corner)), soft(), 0.5, velocity));
   s.steps = 16;
@@ -141,9 +141,9 @@ Situation flyby(bool slide) {
 
 // Starts in the block, deeper than what a step may undo: those gaps do not follow the handle.
 Situation insideBlock(bool slide) {
-  Situation s{emptyWorld(), slide ? vec6(0.01, 0.004, 0) : Vec6(Vec6::Zero())};
+  Situation s{emptyWorld(), slide ? sixVector(0.01, 0.004, 0) : Vec6(Vec6::Zero())};
   s.world.contact.max_recovery_speed = 0.05;
-  s.world.add(heldCube(0.024));
+  s.world.add(heldCubeBody(0.024));
   s.world.add(BodyModel("block", barMesh({0.06, 0.06, 0.03}, {3, 3, 2}), soft(3e4)));
   s.steps = 3;
   return s;

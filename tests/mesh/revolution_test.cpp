@@ -15,10 +15,10 @@
 namespace palpate {
 namespace {
 
-constexpr double kPi = std::numbers::pi;
+constexpr double kHalfTurn = std::numbers::pi;
 
 /// Area of a regular polygon of n corners over that of its circle.
-double polygonShare(int n) { return std::sin(2 * kPi / n) / (2 * kPi / n); }
+double polygonShare(int n) { return std::sin(2 * kHalfTurn / n) / (2 * kHalfTurn / n); }
 
 /// Volume of the exact solid by Pappus: 2 pi times the first moment of the polygon about the axis.
 double pappusVolume(const RevolutionProfile& p) {
@@ -28,7 +28,7 @@ double pappusVolume(const RevolutionProfile& p) {
     const auto& [r1, z1] = p[(i + 1) % p.size()];
     moment += (z1 - z0) * (r0 * r0 + r0 * r1 + r1 * r1) / 6;
   }
-  return 2 * kPi * std::abs(moment);
+  return 2 * kHalfTurn * std::abs(moment);
 }
 
 void expectSolid(const Surface& surface, int euler, int components = 1) {
@@ -72,7 +72,7 @@ TEST(Revolution, SolidsAreClosedAndOrientedWhateverTheDirectionOfTheProfile) {
 TEST(Revolution, CylinderIsAPrismOverAPolygon) {
   const Surface surface = revolutionSurface(kCylinder, 48);
   const SurfaceMeasures m = measureSurface(surface);
-  EXPECT_NEAR(m.volume / (kPi * 0.0004 * 0.05), polygonShare(48), 1e-12);
+  EXPECT_NEAR(m.volume / (kHalfTurn * 0.0004 * 0.05), polygonShare(48), 1e-12);
   EXPECT_LT((m.center_of_mass - Vec3(0, 0, 0.025)).norm(), 1e-15);
   const Bounds box = boundsOf(surface.vertices);
   EXPECT_DOUBLE_EQ(box.low.z(), 0);
@@ -114,7 +114,7 @@ TEST(Revolution, TrianglesAreWellShaped) {
     for (int segments : {32, 48, 96}) {
       double radius = 0;
       for (const auto& corner : profile) radius = std::max(radius, corner[0]);
-      const double width = 2 * kPi * radius / segments;
+      const double width = 2 * kHalfTurn * radius / segments;
       const TriangleQuality quality = measureQuality(revolutionSurface(profile, segments));
       EXPECT_GT(quality.smallest_angle_deg, 15) << segments;
       EXPECT_LT(quality.largest_angle_deg, 130) << segments;

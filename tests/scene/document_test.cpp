@@ -8,7 +8,7 @@
 namespace palpate {
 namespace {
 
-std::string rejectedText(const std::string& text, const DocumentLimits& limits = {}) {
+std::string rejectedDocument(const std::string& text, const DocumentLimits& limits = {}) {
   return rejection([&] { parseDocument(text, "d.yaml", limits); });
 }
 
@@ -36,36 +36,36 @@ TEST(Document, AliasesShareTheirValue) {
 }
 
 TEST(Document, RejectsWhatIsNoDocument) {
-  EXPECT_EQ(rejectedText(""), "d.yaml: is empty");
-  EXPECT_EQ(rejectedText("# only a comment\n"), "d.yaml: is empty");
-  EXPECT_EQ(rejectedText("a: 1\n---\nb: 2\n"), "d.yaml: holds more than one YAML document");
-  EXPECT_EQ(rejectedText("a: 1\nb: [1, 2\n").substr(0, 33), "d.yaml: line 3: is not valid YAML");
-  EXPECT_EQ(rejectedText("a: 1\na: 2\n"), "d.yaml: line 2: the key 'a' is given twice");
-  EXPECT_EQ(rejectedText("[a, b]: 1\n"), "d.yaml: line 1: a key must be plain text");
-  EXPECT_EQ(rejectedText("a: *missing\n").substr(0, 33), "d.yaml: line 1: is not valid YAML");
-  EXPECT_EQ(rejectedText("a: &v [1, *v]\n"), "d.yaml: line 1: an alias inside the value that it names");
+  EXPECT_EQ(rejectedDocument(""), "d.yaml: is empty");
+  EXPECT_EQ(rejectedDocument("# only a comment\n"), "d.yaml: is empty");
+  EXPECT_EQ(rejectedDocument("a: 1\n---\nb: 2\n"), "d.yaml: holds more than one YAML document");
+  EXPECT_EQ(rejectedDocument("a: 1\nb: [1, 2\n").substr(0, 33), "d.yaml: line 3: is not valid YAML");
+  EXPECT_EQ(rejectedDocument("a: 1\na: 2\n"), "d.yaml: line 2: the key 'a' is given twice");
+  EXPECT_EQ(rejectedDocument("[a, b]: 1\n"), "d.yaml: line 1: a key must be plain text");
+  EXPECT_EQ(rejectedDocument("a: *missing\n").substr(0, 33), "d.yaml: line 1: is not valid YAML");
+  EXPECT_EQ(rejectedDocument("a: &v [1, *v]\n"), "d.yaml: line 1: an alias inside the value that it names");
 }
 
 TEST(Document, ErrorsShowNoControlCharacters) {
-  EXPECT_EQ(rejectedText("a: \"\\\x01\"\n"), "d.yaml: line 1: is not valid YAML: unknown escape character: ?");
+  EXPECT_EQ(rejectedDocument("a: \"\\\x01\"\n"), "d.yaml: line 1: is not valid YAML: unknown escape character: ?");
 }
 
 TEST(Document, HoldsItsLimits) {
   DocumentLimits limits;
   limits.bytes = 20;
   EXPECT_NE(parseDocument(std::string(17, 'a') + ": 1", "d.yaml", limits), nullptr);
-  EXPECT_EQ(rejectedText(std::string(18, 'a') + ": 1", limits), "d.yaml: larger than 20 bytes");
+  EXPECT_EQ(rejectedDocument(std::string(18, 'a') + ": 1", limits), "d.yaml: larger than 20 bytes");
   limits = {};
   limits.nodes = 4;
   EXPECT_NE(parseDocument("[1, 2, 3]", "d.yaml", limits), nullptr);
-  EXPECT_EQ(rejectedText("[1, 2, 3, 4]", limits), "d.yaml: line 1: more than 4 values");
+  EXPECT_EQ(rejectedDocument("[1, 2, 3, 4]", limits), "d.yaml: line 1: more than 4 values");
   limits = {};
   limits.depth = 3;
   EXPECT_NE(parseDocument("[[[]]]", "d.yaml", limits), nullptr);
-  EXPECT_EQ(rejectedText("[[[[]]]]", limits), "d.yaml: line 1: nested more than 3 deep");
+  EXPECT_EQ(rejectedDocument("[[[[]]]]", limits), "d.yaml: line 1: nested more than 3 deep");
   std::string keys;
   for (int i = 0; i <= 1000; ++i) keys += fmt::format("k{}: 1\n", i);
-  EXPECT_EQ(rejectedText(keys), "d.yaml: line 1001: more than 1000 keys in one map");
+  EXPECT_EQ(rejectedDocument(keys), "d.yaml: line 1001: more than 1000 keys in one map");
 }
 
 // Texts that are cheap to write and have cost parsers their stack, their memory or hours.

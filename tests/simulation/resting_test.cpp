@@ -95,12 +95,12 @@ TEST(Resting, BunnyOnTheGround) {
   expectRests(world, 0.2);
 }
 
-struct Support {
+struct Ground {
   const char* name;
   Obstacle obstacle;
   double facets = 0;  // how far the triangles lie below the round solid [m]
 };
-class OnSupport : public ::testing::TestWithParam<Support> {};
+class OnSupport : public ::testing::TestWithParam<Ground> {};
 
 TEST_P(OnSupport, BarRests) {
   World world = restingWorld(moved(barMesh(kBarSize, {6, 4, 2}), {Vec3(-0.03, -0.02, 0), Quat::Identity()}), 0.8);
@@ -111,10 +111,10 @@ TEST_P(OnSupport, BarRests) {
 INSTANTIATE_TEST_SUITE_P(
     Shapes, OnSupport,
     ::testing::Values(
-        Support{"box", {BoxShape{{Vec3(0, 0, -0.05), Quat::Identity()}, Vec3(0.1, 0.1, 0.05)}, 0.8, ""}},
-        Support{"narrow_box", {BoxShape{{Vec3(0, 0, -0.05), Quat::Identity()}, Vec3(0.0251, 0.0151, 0.05)}, 0.8, ""}},
-        Support{"sphere", {SphereShape{Vec3(0, 0, -0.5), 0.5}, 0.8, ""}, 1.2e-3 * 0.5},
-        Support{"capsule", {CapsuleShape{Vec3(-0.1, 0, -0.3), Vec3(0.1, 0, -0.3), 0.3}, 0.8, ""}, 2.5e-3 * 0.3}),
+        Ground{"box", {BoxShape{{Vec3(0, 0, -0.05), Quat::Identity()}, Vec3(0.1, 0.1, 0.05)}, 0.8, ""}},
+        Ground{"narrow_box", {BoxShape{{Vec3(0, 0, -0.05), Quat::Identity()}, Vec3(0.0251, 0.0151, 0.05)}, 0.8, ""}},
+        Ground{"sphere", {SphereShape{Vec3(0, 0, -0.5), 0.5}, 0.8, ""}, 1.2e-3 * 0.5},
+        Ground{"capsule", {CapsuleShape{Vec3(-0.1, 0, -0.3), Vec3(0.1, 0, -0.3), 0.3}, 0.8, ""}, 2.5e-3 * 0.3}),
     [](const auto& support) { return std::string(support.param.name); });
 
 World pressedBar(bool reduce) {

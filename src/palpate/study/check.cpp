@@ -32,7 +32,8 @@ Mat12 referenceStiffness(const ElasticElement& e) {
   d.topLeftCorner<3, 3>().setConstant(e.lambda);
   d.topLeftCorner<3, 3>().diagonal().array() += 2 * e.mu;
   d.bottomRightCorner<3, 3>().diagonal().setConstant(e.mu);
-  return b.transpose() * d * b;
+  const Eigen::Matrix<double, 6, 12> stress = d * b;
+  return b.transpose() * stress;
 }
 
 /// One body's step without contact, written the slow way. Unknowns: velocities of the free nodes, then the twist of its
@@ -191,9 +192,14 @@ class SlowBody {
   }
 
   Mat12 rotatedStiffness(std::size_t e) const {
-    Mat12 r = Mat12::Zero();
-    for (int k = 0; k < 4; ++k) r.block<3, 3>(3 * k, 3 * k) = rotation_[e];
-    return r * stiffness_[e] * r.transpose();
+    Mat12 rotated;
+    for (int i = 0; i < 12; i += 3) {
+      for (int j = 0; j < 12; j += 3) {
+        const Mat3 turned = rotation_[e] * stiffness_[e].block<3, 3>(i, j);
+        rotated.block<3, 3>(i, j) = turned * rotation_[e].transpose();
+      }
+    }
+    return rotated;
   }
 
   void addElement(std::size_t e, const Pose& pose, std::vector<Eigen::Triplet<double>>& entries, Mat6& frame) const {
