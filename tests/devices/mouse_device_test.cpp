@@ -12,7 +12,6 @@
 namespace palpate {
 namespace {
 
-
 Path lineUp() {
   return Path({{0.0, Vec3::Zero(), Vec3::Zero()}, {1.0, Vec3(0, 0, 0.1), Vec3::Zero()}}, Interpolation::linear);
 }

@@ -13,7 +13,6 @@
 namespace palpate {
 namespace {
 
-
 HandleModel softModel() {
   HandleModel model;
   model.kx = -300.0 * Mat6::Identity();

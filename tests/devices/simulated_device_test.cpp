@@ -12,7 +12,6 @@
 namespace palpate {
 namespace {
 
-
 Pose elsewhere() {
   Vec6 xi;
   xi << 0.1, 0.2, 0.3, 0.5, -0.4, 0.2;

@@ -43,7 +43,8 @@ TEST(Safety, PassesNormalContactThroughUnchanged) {
 }
 
 TEST(Safety, NotANumberBecomesZero) {
-  for (const double bad : {kNotANumber, std::numeric_limits<double>::infinity(), -std::numeric_limits<double>::infinity()}) {
+  for (const double bad :
+       {kNotANumber, std::numeric_limits<double>::infinity(), -std::numeric_limits<double>::infinity()}) {
     SafetyChain chain(withoutSlew());
     chain.start(wrench(1, 0, 0));
     const auto out = chain.process(input(wrench(1, bad, 0)), {});

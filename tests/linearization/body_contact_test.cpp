@@ -113,7 +113,8 @@ Situation onItself(bool slide) {
   BodyModel body("tool", simulationMeshOf(hook), soft());
   holdNodes(
       body, [](const Vec3& p) { return p.x() > 0.059 && p.z() > 0.011; }, lopsided());
-  Situation s{emptyWorld(2.0), slide ? sixVector(0.008, 0.005, -0.008, 0, 0, 0.1) : sixVector(0, 0, -0.008, 0, 0.05, 0)};
+  Situation s{emptyWorld(2.0),
+              slide ? sixVector(0.008, 0.005, -0.008, 0, 0, 0.1) : sixVector(0, 0, -0.008, 0, 0.05, 0)};
   s.world.add(std::move(body), true);
   return s;
 }
