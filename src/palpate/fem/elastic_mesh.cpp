@@ -148,8 +148,8 @@ double ElasticMesh::energyAt(const VecX& x, const ElasticState& state, ElasticAh
   ahead.element.resize(elements_.size());
   constexpr int kLeast = 32, kMostParts = 32;
   const int count = static_cast<int>(elements_.size()), parts = std::min(1 + count / kLeast, kMostParts);
-  parallelFor(parts, [&](int part) {
-    for (int i = partBegin(part, parts, count); i < partBegin(part + 1, parts, count); ++i) {
+  parallelRanges(parts, count, [&](int begin, int end) {
+    for (int i = begin; i < end; ++i) {
       const ElasticElement& e = elements_[i];
       const Mat3 gradient = e.deformationGradient(x);
       ahead.rotations[i] = polarRotation(gradient, state.rotations[i]);

@@ -160,24 +160,14 @@ void IslandSolver::solveIsland(std::size_t index, double h, double scale, const 
 
 // At the same time, unless one is most of the work: its own loops are shared out then.
 void IslandSolver::solve(double h, double scale, const ContactSettings& settings, ContactSet& set) {
-  constexpr double kMost = 0.7;
   if (scratch_.size() < set.islands.size()) scratch_.resize(set.islands.size());
-  double work = 0, most = 0;
-  for (std::size_t k = 0; k < set.islands.size(); ++k) {
-    if (kept_[k]) continue;
-    const double own = static_cast<double>(set.islands[k].contacts.size());
-    work += own * own * own;
-    most = std::max(most, own * own * own);
-  }
-  const auto solveOne = [&](int k) {
-    if (!kept_[k]) solveIsland(static_cast<std::size_t>(k), h, scale, settings, set);
+  const auto work = [&](int k) {
+    const double own = kept_[k] ? 0.0 : static_cast<double>(set.islands[k].contacts.size());
+    return own * own * own;
   };
-  const int count = static_cast<int>(set.islands.size());
-  if (most > kMost * work) {
-    for (int k = 0; k < count; ++k) solveOne(k);
-  } else {
-    parallelFor(count, solveOne);
-  }
+  parallelByWeight(static_cast<int>(set.islands.size()), work, [&](int k) {
+    if (!kept_[k]) solveIsland(static_cast<std::size_t>(k), h, scale, settings, set);
+  });
   set.solver = {true, 0, 0.0};
   for (const ContactIsland& island : set.islands) {
     set.solver.converged = set.solver.converged && island.solver.converged;

@@ -38,17 +38,7 @@ class MovingBodies {
   /// most of the work, so that its own loops are shared out.
   template <class F>
   void forEach(F&& f) const {
-    constexpr double kMost = 0.7;
-    double nodes = 0, most = 0;
-    for (const BodySystem* system : systems_) {
-      nodes += system->model().nodes();
-      most = std::max(most, static_cast<double>(system->model().nodes()));
-    }
-    if (most > kMost * nodes) {
-      for (int b = 0; b < size(); ++b) f(b);
-    } else {
-      parallelFor(size(), f);
-    }
+    parallelByWeight(size(), [&](int b) { return systems_[b]->model().nodes(); }, f);
   }
 
  private:
