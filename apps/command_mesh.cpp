@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
 #include <memory>
 
@@ -34,8 +35,8 @@ void formatRepair(std::string& out, const RepairReport& r) {
 EmbedSummary runMeshEmbed(const EmbedCommand& command) {
   if (!command.out.empty() && endingOf(command.out) != ".vtk")
     throw InputError("--out", "", "the name of a simulation mesh must end in .vtk");
-  if (command.tetrahedra < 1 || command.tetrahedra > 200'000)
-    throw InputError("--tets", "", "must be from 1 to 200000");
+  if (command.tetrahedra < 0 || command.tetrahedra > 200'000)
+    throw InputError("--tets", "", "must be from 1 to 200000, or auto");
   if (!(command.size >= 0) || !std::isfinite(command.size))
     throw InputError("--size", "", "must be a finite length, m");
   RepairReport repair;
@@ -62,13 +63,54 @@ std::string formatReport(const EmbedSummary& s) {
   line(out, "volume", "{:.6g} m^3 (mesh {:.6g} m^3, as sampled {:+.2f} %)", r.surface_volume, r.mesh_volume,
        100 * (r.sampled_volume / r.surface_volume - 1));
   line(out, "tetrahedra", "{}, {} nodes, cell {:.4g} m", r.tetrahedra, r.nodes, r.cell_size);
-  line(out, "pieces", "{} (surface {}), {} lattice tetrahedra with several copies", r.components, r.solid_components,
-       r.split_tetrahedra);
-  line(out, "worst element", "radius ratio {:.3f}, smallest dihedral angle {:.1f} degrees, least fill {:.3f}",
-       r.worst_radius_ratio, r.smallest_dihedral_deg, r.smallest_fill);
+  line(out, "pieces", "{} (surface {}), each connected through faces; {} lattice tetrahedra with several copies",
+       r.components, r.solid_components, r.split_tetrahedra);
+  if (r.bridges > 0) line(out, "bridged", "{} places thinner than a sample of {:.2g} m", r.bridges, r.cell_size / r.subdivision);
+  if (r.seams > 0) line(out, "SEAMS", "{} places where the surface may open under load: ask for more tetrahedra", r.seams);
+  if (r.overlap_share > 0)
+    line(out, "overlap", "{:.1f} % of the volume lies in several of the solids and is counted once",
+         100 * r.overlap_share / (1 + r.overlap_share));
+  line(out, "thickness", "a twentieth of the surface has less than {:.3g} m of solid under it", r.thickness);
+  if (r.thin_share > 0.05) {
+    line(out, "TOO THIN", "{:.0f} % of the surface has less than a cell under it and is too stiff; --tets {} carries it",
+         100 * r.thin_share, r.suggested_tetrahedra);
+  }
+  line(out, "softest node", "{:.3f} of the median's stiffness (least fill {:.3f})", r.softest_node, r.smallest_fill);
   line(out, "vertices outside", "{} of {}, smallest weight {:.3f}", r.vertices_outside, s.surface_vertices,
        r.smallest_weight);
   line(out, "time", "{:.2f} s", r.seconds);
+  return out;
+}
+
+StiffnessSummary runMeshStiffness(const StiffnessCommand& command) {
+  if (!(command.size >= 0) || !std::isfinite(command.size))
+    throw InputError("--size", "", "must be a finite length, m");
+  if (command.tetrahedra.empty()) throw InputError("--tets", "", "names no count");
+  const Surface solid = loadSolid(command.surface, command.size);
+  StiffnessSummary summary{command.surface, {}};
+  std::vector<int> counts = command.tetrahedra;
+  std::sort(counts.begin(), counts.end());
+  for (const int count : counts) {
+    if (count < 1 || count > 200'000) throw InputError("--tets", "", "must be from 1 to 200000");
+    EmbedOptions options;
+    options.target_tetrahedra = count;
+    options.name = command.surface;
+    fmt::print(stderr, "{} tetrahedra\n", count);
+    summary.meshes.push_back(meshStiffness(solid, options));
+  }
+  return summary;
+}
+
+std::string formatReport(const StiffnessSummary& s) {
+  const Vec3 finest = s.meshes.back().stiffness;
+  std::string out = "Force by displacement of the pulled end at 1 kPa, N/m, and times that of the finest mesh\n";
+  out += fmt::format("{:>10} {:>10} {:>18} {:>18} {:>18}\n", "tetrahedra", "cell, m", "along x", "along y", "along z");
+  for (const MeshStiffness& m : s.meshes) {
+    out += fmt::format("{:>10} {:>10.3g}", m.embed.tetrahedra, m.embed.cell_size);
+    for (int d = 0; d < 3; ++d)
+      out += fmt::format(" {:>18}", fmt::format("{:.3g} ({:.2f})", m.stiffness[d], m.stiffness[d] / finest[d]));
+    out += '\n';
+  }
   return out;
 }
 
@@ -150,13 +192,27 @@ void addEmbed(CLI::App& group) {
   command->add_option("surface", options->surface, "Triangle surface: OBJ, STL, PLY or OFF")
       ->required()
       ->type_name("SURFACE");
-  command->add_option("--tets", options->tetrahedra, "Wanted number of tetrahedra")
-      ->type_name("N")
-      ->capture_default_str();
+  command->add_option("--tets", options->tetrahedra, "Wanted number of tetrahedra; auto: by the thinnest parts")
+      ->type_name("N|auto")
+      ->transform([](const std::string& text) { return text == "auto" ? std::string("0") : text; }, "")
+      ->default_str("300");
   command->add_option("--size", options->size, "Longest side of the bounding box, m; default: lengths as in the file")
       ->type_name("S");
   command->add_option("--out", options->out, "Write the simulation mesh (.vtk)")->type_name("FILE");
   command->callback([options] { fmt::print("{}", formatReport(runMeshEmbed(*options))); });
+}
+
+void addStiffness(CLI::App& group) {
+  const auto options = std::make_shared<StiffnessCommand>();
+  CLI::App* command = group.add_subcommand(
+      "stiffness", "How the stiffness of a surface's mesh depends on its number of tetrahedra: coarse ones are too stiff");
+  command->add_option("surface", options->surface, "Triangle surface: OBJ, STL, PLY or OFF")
+      ->required()
+      ->type_name("SURFACE");
+  command->add_option("--tets", options->tetrahedra, "Numbers of tetrahedra")->type_name("N...")->capture_default_str();
+  command->add_option("--size", options->size, "Longest side of the bounding box, m; default: lengths as in the file")
+      ->type_name("S");
+  command->callback([options] { fmt::print("{}", formatReport(runMeshStiffness(*options))); });
 }
 
 void addInfo(CLI::App& group) {
@@ -184,6 +240,7 @@ void addMeshCommand(CLI::App& app) {
   CLI::App* group = app.add_subcommand("mesh", "Simulation meshes and shapes");
   group->require_subcommand(1);
   addEmbed(*group);
+  addStiffness(*group);
   addInfo(*group);
   addMake(*group);
 }

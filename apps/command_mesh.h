@@ -1,18 +1,20 @@
 #pragma once
 
 #include <string>
+#include <vector>
 
 #include "palpate/mesh/embed_surface.h"
 #include "palpate/mesh/mesh_quality.h"
+#include "palpate/study/mesh_stiffness.h"
 
 // What `palpate mesh` does, without its command line. All throw InputError for bad input.
 
 namespace palpate {
 
-/// `mesh embed SURFACE --tets N [--size S] [--out FILE.vtk]`
+/// `mesh embed SURFACE --tets N|auto [--size S] [--out FILE.vtk]`
 struct EmbedCommand {
   std::string surface;
-  int tetrahedra = 300;
+  int tetrahedra = 300;  ///< 0: as many as the thinnest parts that matter need
   double size = 0;  ///< [m] longest side of the bounding box; 0 keeps the file's lengths
   std::string out;  ///< .vtk; empty for none
 };
@@ -24,6 +26,20 @@ struct EmbedSummary {
 };
 EmbedSummary runMeshEmbed(const EmbedCommand& command);
 std::string formatReport(const EmbedSummary& summary);
+
+/// `mesh stiffness SURFACE [--tets N...] [--size S]`: how the stiffness of the whole depends on the number of
+/// tetrahedra.
+struct StiffnessCommand {
+  std::string surface;
+  std::vector<int> tetrahedra = {300, 1000, 3000, 10'000};
+  double size = 0;  ///< [m] as for embed
+};
+struct StiffnessSummary {
+  std::string surface;
+  std::vector<MeshStiffness> meshes;  ///< as asked for, fewest tetrahedra first
+};
+StiffnessSummary runMeshStiffness(const StiffnessCommand& command);
+std::string formatReport(const StiffnessSummary& summary);
 
 /// `mesh info SURFACE`: what is in the file, before and after repair.
 struct InfoSummary {

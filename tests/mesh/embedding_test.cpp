@@ -1,5 +1,6 @@
 #include <gtest/gtest.h>
 
+#include <numbers>
 #include <random>
 
 #include "palpate/common/error.h"
@@ -11,6 +12,7 @@
 #include "palpate/mesh/mesh_quality.h"
 #include "palpate/mesh/shapes.h"
 #include "palpate/mesh/tetrahedron_subdivision.h"
+#include "shared/hard_surfaces.h"
 #include "shared/surface_tools.h"
 
 namespace palpate {
@@ -166,6 +168,38 @@ TEST(EmbedSurface, SeparateBodiesStaySeparateAndCavitiesStayEmpty) {
   EXPECT_NEAR(report.sampled_volume, report.surface_volume, 0.02 * ball);
 }
 
+TEST(EmbedSurface, OverlappingSolidsCountTheirVolumeOnce) {
+  const double r = 0.01, d = 0.012;
+  Surface two = sphereSurface(r, 5);
+  append(two, sphereSurface(r, 5), Vec3(d, 0, 0));
+  EmbedReport report;
+  EmbedOptions options;
+  options.target_tetrahedra = 1000;
+  const SimulationMesh m = embedSurface(two, options, &report);
+  const double ball = 4.0 / 3 * std::numbers::pi * r * r * r;
+  const double lens = std::numbers::pi / 12 * (4 * r + d) * (2 * r - d) * (2 * r - d);
+  EXPECT_EQ(complaintsAbout(m), "");
+  EXPECT_EQ(report.components, 1);
+  EXPECT_NEAR(report.mesh_volume, 2 * ball - lens, 0.01 * ball);
+  EXPECT_NEAR(report.overlap_share, lens / (2 * ball - lens), 0.02);
+}
+
+TEST(EmbedSurface, NamesWhatIsTooThinAndChoosesACountThatCarriesIt) {
+  const Surface plate = boxSurface(Vec3(0.1, 0.1, 0.005));
+  EmbedReport report;
+  EmbedOptions options;
+  embedSurface(plate, options, &report);
+  EXPECT_NEAR(report.thickness, 0.005, 0.02 * 0.005);
+  EXPECT_GT(report.thin_share, 0.9);
+  options.target_tetrahedra = 0;
+  embedSurface(plate, options, &report);
+  EXPECT_NEAR(report.cell_size, 0.005, 0.1 * 0.005);
+  EXPECT_NEAR(report.tetrahedra, report.suggested_tetrahedra, 0.1 * report.suggested_tetrahedra);
+
+  embedSurface(sphereSurface(0.05, 4), options, &report);  // thick all over: the least count will do
+  EXPECT_NEAR(report.tetrahedra, 300, 30);
+}
+
 TEST(EmbedSurface, CountFollowsTheTargetOnSimpleShapes) {
   for (int target : {60, 300, 1200})
     for (const Surface& s : {sphereSurface(0.05, 4), boxSurface(Vec3(0.1, 0.2, 0.05)), capsuleSurface(0.02, 0.1, 32)}) {
@@ -220,7 +254,7 @@ TEST(EmbedSurface, RefusesBadInputInOneLine) {
   Surface bad = sphereSurface(1, 1);
   bad.vertices[3].x() = std::nan("");
   EXPECT_NE(message(bad, options).find("not finite"), std::string::npos);
-  for (int target : {0, -5, 1'000'000}) {
+  for (int target : {-1, -5, 1'000'000}) {
     options.target_tetrahedra = target;
     EXPECT_NE(message(sphereSurface(1, 1), options).find("target_tetrahedra"), std::string::npos);
   }

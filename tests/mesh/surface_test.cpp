@@ -6,6 +6,7 @@
 #include "palpate/common/error.h"
 #include "palpate/mesh/alien.h"
 #include "palpate/mesh/mesh_quality.h"
+#include "palpate/mesh/refine_surface.h"
 #include "palpate/mesh/shapes.h"
 #include "palpate/mesh/surface_repair.h"
 #include "palpate/mesh/winding_number.h"
@@ -232,6 +233,24 @@ TEST(Alien, StandsOnTheGroundAndHasItsLandmarksInside) {
   EXPECT_NEAR(measureSurface(alien.surface).volume / (cells * std::pow(h * scale, 3)), 1, 0.03);
   EXPECT_THROW(makeAlien({-1, 0.02}), InputError);
   EXPECT_THROW(makeAlien({0.2, 1e-9}), InputError);
+}
+
+TEST(RefineSurface, KeepsTheShapeClosedAndLeavesNoLongEdge) {
+  Surface shapes[] = {boxSurface(Vec3(0.1, 0.03, 0.002)), sphereSurface(0.05, 2), capsuleSurface(0.01, 0.2, 12)};
+  for (const Surface& coarse : shapes) {
+    for (const double longest : {0.02, 0.007}) {
+      const Surface fine = refineSurface(coarse, longest);
+      EXPECT_TRUE(inspectTopology(fine).closed());
+      EXPECT_LE(measureQuality(fine).longest_edge, longest * (1 + 1e-12));
+      const SurfaceMeasures a = measureSurface(coarse), b = measureSurface(fine);
+      EXPECT_NEAR(b.volume, a.volume, 1e-12 * a.volume);
+      EXPECT_NEAR(b.area, a.area, 1e-12 * a.area);
+      for (std::size_t v = 0; v < coarse.vertices.size(); ++v) EXPECT_EQ(fine.vertices[v], coarse.vertices[v]);
+    }
+  }
+  const Surface bounded = refineSurface(boxSurface(Vec3(1, 1, 1)), 1e-5, 50'000);
+  EXPECT_LT(bounded.triangles.size(), 100'000u);
+  EXPECT_GT(bounded.triangles.size(), 10'000u);
 }
 
 TEST(MeshImplicit, SphereVolumeConvergesAndEmptyIsAnError) {

@@ -11,6 +11,9 @@
 #include "palpate/common/error.h"
 #include "palpate/mesh/mesh_quality.h"
 #include "palpate/mesh/piece_mesh.h"
+#include "palpate/mesh/refine_surface.h"
+#include "palpate/mesh/surface_seams.h"
+#include "palpate/mesh/thickness.h"
 
 namespace palpate {
 namespace {
@@ -18,10 +21,14 @@ namespace {
 constexpr double kLargestLattice = 4e6;  // cells
 constexpr int kLargestTarget = 200'000;
 constexpr int kMostTrials = 14;
+constexpr int kSeamRounds = 5;
+constexpr double kThinShare = 0.05;    // of the surface: what is thinner than this does not matter
+constexpr double kOverlap = 2e-3;      // of the volume: less is within the error of sampling
+constexpr int kLeastChosen = 300, kMostChosen = 20'000;
 
 void requireOptions(const EmbedOptions& options) {
-  if (options.target_tetrahedra < 1 || options.target_tetrahedra > kLargestTarget)
-    throw InputError(options.name, "target_tetrahedra", "must be 1 to 200,000");
+  if (options.target_tetrahedra < 0 || options.target_tetrahedra > kLargestTarget)
+    throw InputError(options.name, "target_tetrahedra", "must be 1 to 200,000, or 0 to choose it");
   if (!(options.cell_size >= 0) || !std::isfinite(options.cell_size))
     throw InputError(options.name, "cell_size", "must be 0 (search) or positive, and finite");
   if (!(options.smallest_fill >= 0 && options.smallest_fill <= 0.5))
@@ -57,10 +64,11 @@ BccLattice latticeOver(const Bounds& box, double cell, const Vec3& shift) {
 }
 
 std::unique_ptr<Trial> tryCell(const InsideField& field, const Bounds& box, double cell, int subdivision,
-                               const EmbedOptions& options, const Vec3& shift = Vec3::Zero()) {
+                               const EmbedOptions& options, const Vec3& shift = Vec3::Zero(),
+                               const std::vector<Vec3>& bridges = {}) {
   auto trial = std::make_unique<Trial>(latticeOver(box, cell, shift), subdivision);
   trial->shift = shift;
-  trial->pieces.emplace(trial->lattice, trial->cut, cutSolid(trial->lattice, trial->cut, field, options.virtual_nodes),
+  trial->pieces.emplace(trial->lattice, trial->cut, cutSolid(trial->lattice, trial->cut, field, options.virtual_nodes, bridges),
                         options.smallest_fill, options.virtual_nodes);
   return trial;
 }
@@ -140,17 +148,25 @@ class CellSearch {
 
 class Assembly {
  public:
-  Assembly(Trial& trial, const Surface& surface, const SurfaceMeasures& solid)
+  /// @param overlapping  solids: the surface's integrals count some volume twice, the samples do not
+  Assembly(Trial& trial, const Surface& surface, const SurfaceMeasures& solid, bool overlapping)
       : lattice_(trial.lattice), cut_(trial.cut), pieces_(*trial.pieces), solid_(solid) {
     makeTetrahedra();
-    sampled_volume_ = matched().volume;
-    matchMass();
+    const Moments sampled = matched();
+    sampled_volume_ = sampled.volume;
+    if (overlapping) {
+      solid_.volume = sampled.volume;
+      solid_.center_of_mass += sampled.first / sampled.volume;
+    } else {
+      matchMass();
+    }
     result_.surface = surface;
     embedVertices();
   }
 
   SimulationMesh take() { return std::move(result_); }
   double sampledVolume() const { return sampled_volume_; }
+  const SurfaceMeasures& solid() const { return solid_; }
 
  private:
   int64_t tetrahedronOf(int piece) const {
@@ -233,42 +249,12 @@ class Assembly {
     }
   }
 
-  int pieceAt(const Vec3& x) const {
-    const auto location = lattice_.locate(x);
-    const auto slot = pieces_.solid().slot_of.find(location.tetrahedron);
-    if (slot == pieces_.solid().slot_of.end()) return -1;
-    const auto sample = static_cast<size_t>(slot->second) * static_cast<size_t>(cut_.count()) +
-                        static_cast<size_t>(cut_.locate(location.weights));
-    return pieces_.solid().label[sample];
-  }
-
-  /// The piece of solid just under a surface vertex; -1 if no sample near it lies inside.
-  int pieceUnder(const Vec3& x, const Vec3& normal) const {
-    const double fine = lattice_.cellSize() / cut_.side();
-    for (double depth : {0.4, 0.2, 0.7, 0.0, 1.0, 1.5}) {
-      const int piece = pieceAt(x - depth * fine * normal);
-      if (piece >= 0) return piece;
-    }
-    for (double radius : {0.5, 1.0, 1.6, 2.5, 4.0}) {
-      int best = -1;
-      double most_inward = -2;
-      for (int i = 0; i < 27; ++i) {
-        const Vec3 direction = Vec3(i % 3 - 1, i / 3 % 3 - 1, i / 9 - 1).normalized();
-        const int piece = pieceAt(x + radius * fine * direction);
-        if (piece < 0 || -direction.dot(normal) <= most_inward) continue;
-        most_inward = -direction.dot(normal);
-        best = piece;
-      }
-      if (best >= 0) return best;
-    }
-    return -1;
-  }
-
   void embedVertices() {
     const std::vector<Vec3> normals = vertexNormals(result_.surface);
+    const PieceLocator locator(lattice_, cut_, pieces_);
     for (size_t v = 0; v < normals.size(); ++v) {
       const Vec3& x = result_.surface.vertices[v];
-      const int piece = pieceUnder(x, normals[v]);
+      const int piece = locator.under(x, normals[v]);
       result_.embedding.push_back(piece >= 0 ? embedNear(x, piece) : embedAnywhere(x));
     }
   }
@@ -316,28 +302,68 @@ class Assembly {
   double sampled_volume_ = 0;
 };
 
-/// Patches that bound solid: connected by vertices, with positive volume.
-int solidComponents(const Surface& surface) {
-  DisjointSets sets(static_cast<int>(surface.vertices.size()));
-  for (const auto& t : surface.triangles) {
-    sets.unite(t[0], t[1]);
-    sets.unite(t[0], t[2]);
-  }
-  const Surface capped = capHoles(surface);
-  const Vec3 center = boundsOf(surface.vertices).center();
+/// Patches that bound solid: connected through edges, with positive volume.
+int solidComponents(const Surface& capped) {
+  DisjointSets sets(static_cast<int>(capped.triangles.size()));
+  forEachEdge(edgeTable(capped), [&](const EdgeUse* first, const EdgeUse* last) {
+    for (const EdgeUse* use = first; use != last; ++use) sets.unite(first->triangle, use->triangle);
+  });
+  const Vec3 center = boundsOf(capped.vertices).center();
   std::unordered_map<int, double> volume;
   for (size_t i = 0; i < capped.triangles.size(); ++i) {
     const auto& t = capped.triangles[i];
     const Vec3 a = capped.vertices[static_cast<size_t>(t[0])] - center;
     const Vec3 b = capped.vertices[static_cast<size_t>(t[1])] - center;
     const Vec3 c = capped.vertices[static_cast<size_t>(t[2])] - center;
-    volume[sets.find(t[0])] += a.dot(b.cross(c)) / 6;
+    volume[sets.find(static_cast<int>(i))] += a.dot(b.cross(c)) / 6;
   }
   double total = 0;
   for (const auto& [root, v] : volume) total += v;
   int count = 0;
   for (const auto& [root, v] : volume) count += v > 1e-6 * total;
   return count;
+}
+
+/// Share of the volume that more than one of the surface's solids holds, by the winding number at samples.
+double overlapShare(const Trial& trial, const InsideField& field) {
+  constexpr size_t kSamples = 4000;
+  const SolidPieces& solid = trial.pieces->solid();
+  const auto count = static_cast<size_t>(trial.cut.count());
+  const size_t stride = std::max<size_t>(1, solid.label.size() / kSamples) | 1;
+  double held = 0;
+  int points = 0;
+  for (size_t i = 0; i < solid.label.size(); i += stride) {
+    if (solid.label[i] < 0) continue;
+    const auto corners = trial.lattice.points(solid.tetrahedra[i / count]);
+    Vec3 x = Vec3::Zero();
+    for (size_t k = 0; k < 4; ++k)
+      x += trial.cut.centers()[i % count][static_cast<Eigen::Index>(k)] * trial.lattice.position(corners[k]);
+    const double w = std::round(field.winding(x));
+    if (w < 1) continue;
+    held += w;
+    ++points;
+  }
+  return points > 0 ? held / points - 1 : 0;
+}
+
+/// Stiffness of the node that is held least, of the median's. Of unit shear modulus: volume |gradient|^2, filled part.
+double softestNode(const SimulationMesh& mesh) {
+  std::vector<double> stiffness(mesh.mesh.nodes.size(), 0);
+  for (size_t t = 0; t < mesh.fill.size(); ++t) {
+    const auto& corner = mesh.mesh.tetrahedra[t];
+    const double volume = tetrahedronVolume(mesh.mesh, corner);
+    for (size_t k = 0; k < 4; ++k) {
+      const Vec3& a = mesh.mesh.nodes[static_cast<size_t>(corner[(k + 1) % 4])];
+      const Vec3& b = mesh.mesh.nodes[static_cast<size_t>(corner[(k + 2) % 4])];
+      const Vec3& c = mesh.mesh.nodes[static_cast<size_t>(corner[(k + 3) % 4])];
+      const double gradient = (b - a).cross(c - a).norm() / (6 * volume);
+      stiffness[static_cast<size_t>(corner[k])] += mesh.fill[t] * volume * gradient * gradient;
+    }
+  }
+  const double least = *std::min_element(stiffness.begin(), stiffness.end());
+  const auto middle = stiffness.begin() + static_cast<std::ptrdiff_t>(stiffness.size() / 2);
+  std::nth_element(stiffness.begin(), middle, stiffness.end());
+  return least / *middle;
 }
 
 int splitTetrahedra(const PieceMesh& pieces) {
@@ -351,7 +377,8 @@ void fillReport(const SimulationMesh& mesh, const SurfaceMeasures& solid, EmbedR
   const TetrahedraQuality quality = measureQuality(mesh.mesh);
   report.tetrahedra = static_cast<int>(mesh.mesh.tetrahedra.size());
   report.nodes = static_cast<int>(mesh.mesh.nodes.size());
-  report.components = quality.components;
+  report.components = quality.face_components;
+  report.softest_node = softestNode(mesh);
   report.smallest_dihedral_deg = quality.smallest_dihedral_deg;
   report.worst_radius_ratio = quality.worst_radius_ratio;
   report.surface_volume = solid.volume;
@@ -369,6 +396,45 @@ void fillReport(const SimulationMesh& mesh, const SurfaceMeasures& solid, EmbedR
     const double w = *std::min_element(point.weights.begin(), point.weights.end());
     report.smallest_weight = std::min(report.smallest_weight, w);
     report.vertices_outside += w < -1e-9;
+  }
+}
+
+/// The thinnest parts, and the count that they ask for.
+void measureThickness(const Surface& surface, const InsideField& field, const SurfaceMeasures& solid, double least_cell,
+                      EmbedReport& r) {
+  const std::vector<double> thickness = solidThickness(surface, field);
+  r.thickness = thicknessAt(thickness, kThinShare);
+  const double wanted = expectedCount(solid, std::max(r.thickness, least_cell));
+  r.suggested_tetrahedra = static_cast<int>(std::clamp<double>(wanted, kLeastChosen, kLargestTarget));
+  const auto thin = std::lower_bound(thickness.begin(), thickness.end(), r.cell_size);
+  if (!thickness.empty())
+    r.thin_share = static_cast<double>(thin - thickness.begin()) / static_cast<double>(thickness.size());
+}
+
+void requireCell(double cell, const Bounds& box, const std::string& name) {
+  if (cell >= smallestCell(box) && cell <= 10 * box.diagonal()) return;
+  throw InputError(name, "cell_size",
+                   "must lie between " + std::to_string(smallestCell(box)) + " and " +
+                       std::to_string(10 * box.diagonal()) + " m for this surface");
+}
+
+/// Limbs thinner than the samples fall apart: samples more finely, then makes solid what the surface says is whole.
+void closeSeams(std::unique_ptr<Trial>& trial, const InsideField& field, const Surface& surface, const Bounds& box,
+                const EmbedOptions& options, EmbedReport& r) {
+  const double cell = trial->lattice.cellSize();
+  for (int finer : {12, 16}) {
+    if (trial->pieces->components() <= r.solid_components || trial->cut.side() >= finer) continue;
+    trial = tryCell(field, box, cell, finer, options, trial->shift);
+  }
+  std::vector<Vec3> bridges;
+  for (int round = 0; round < kSeamRounds; ++round) {
+    const double spacing = 0.3 * cell / trial->cut.side() / (round + 1);
+    const Seams seams = findSeams(surface, trial->lattice, trial->cut, *trial->pieces, spacing);
+    r.seams = seams.count;
+    if (seams.count == 0 || round + 1 == kSeamRounds) break;
+    r.bridges += seams.count;
+    bridges.insert(bridges.end(), seams.bridges.begin(), seams.bridges.end());
+    trial = tryCell(field, box, cell, trial->cut.side(), options, trial->shift, bridges);
   }
 }
 
@@ -392,36 +458,43 @@ SimulationMesh embedSurface(const Surface& input, const EmbedOptions& options, E
   const SurfaceMeasures solid = measureSurface(capped);
   const InsideField field(capped);
   const Bounds box = boundsOf(capped.vertices);
+  EmbedOptions chosen = options;
+  if (options.target_tetrahedra == 0) {
+    measureThickness(surface, field, solid, smallestCell(box), r);
+    chosen.target_tetrahedra = std::min(r.suggested_tetrahedra, kMostChosen);
+  }
   std::unique_ptr<Trial> trial;
   if (options.cell_size > 0) {
-    const double cell = options.cell_size;
-    if (cell < smallestCell(box) || cell > 10 * box.diagonal())
-      throw InputError(options.name, "cell_size",
-                       "must lie between " + std::to_string(smallestCell(box)) + " and " +
-                           std::to_string(10 * box.diagonal()) + " m for this surface");
-    const double guess = expectedCount(solid, cell);
-    trial = tryCell(field, box, cell, subdivisionFor(static_cast<int>(std::min(guess, 1e6))), options);
+    requireCell(options.cell_size, box, options.name);
+    const double guess = expectedCount(solid, options.cell_size);
+    trial = tryCell(field, box, options.cell_size, subdivisionFor(static_cast<int>(std::min(guess, 1e6))), options);
     r.trials = 1;
   } else {
-    trial = CellSearch(field, box, options).run(solid, r.trials);
+    trial = CellSearch(field, box, chosen).run(solid, r.trials);
   }
-  r.solid_components = solidComponents(surface);
-  // Limbs thinner than the samples fall apart: sample more finely.
-  for (int finer : {12, 16}) {
-    if (trial->pieces->components() <= r.solid_components || trial->cut.side() >= finer) continue;
-    trial = tryCell(field, box, trial->lattice.cellSize(), finer, options, trial->shift);
-  }
+  r.solid_components = solidComponents(capped);
+  closeSeams(trial, field, surface, box, chosen, r);
   if (trial->pieces->count() == 0)
     throw InputError(options.name, "", "is too thin for a simulation mesh of this size: ask for more tetrahedra");
+  const int pieces = trial->pieces->components();
+  if (pieces > r.solid_components)
+    throw InputError(options.name, "",
+                     "falls apart into " + std::to_string(pieces) + " pieces as a mesh of " +
+                         std::to_string(trial->pieces->count()) + " tetrahedra, as parts of it are too thin: ask for more");
 
-  Assembly assembly(*trial, surface, solid);
+  r.overlap_share = overlapShare(*trial, field);
+  if (r.overlap_share < kOverlap) r.overlap_share = 0;
+  // contact acts on the surface's vertices: no fewer than the mesh can follow
+  const Surface refined = refineSurface(surface, trial->lattice.cellSize());
+  Assembly assembly(*trial, refined, solid, r.overlap_share > 0);
   SimulationMesh mesh = assembly.take();
   r.sampled_volume = assembly.sampledVolume();
   r.cell_size = trial->lattice.cellSize();
   r.subdivision = trial->cut.side();
   r.split_tetrahedra = splitTetrahedra(*trial->pieces);
   r.merged_slivers = trial->pieces->mergedSlivers();
-  fillReport(mesh, solid, r);
+  measureThickness(surface, field, solid, smallestCell(box), r);
+  fillReport(mesh, assembly.solid(), r);
   r.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   return mesh;
 }

@@ -8,7 +8,9 @@
 namespace palpate {
 
 struct EmbedOptions {
-  int target_tetrahedra = 300;    ///< wanted count, 1 to 200,000; the cell size is searched for it
+  /// Wanted count, 1 to 200,000; the cell size is searched for it. 0: as many as the thinnest parts that matter need
+  /// (see EmbedReport::suggested_tetrahedra), 300 to 20,000.
+  int target_tetrahedra = 300;
   double cell_size = 0;           ///< [m]; if positive, this cell size is used and the target ignored
   double count_tolerance = 0.02;  ///< the search stops when the count is this close, relative
   double smallest_fill =
@@ -23,8 +25,14 @@ struct EmbedReport {
   RepairReport repair;
   int tetrahedra = 0;
   int nodes = 0;
-  int components = 0;         ///< of the simulation mesh, connected by nodes
-  int solid_components = 0;   ///< of the surface, cavities not counted
+  int components = 0;         ///< of the simulation mesh, connected through faces: each has six rigid modes, no hinge
+  int solid_components = 0;   ///< of the surface, connected through edges, cavities not counted
+  int bridges = 0;            ///< places where the solid is thinner than a sample, made solid to keep the mesh whole
+  int seams = 0;              ///< places left where the surface may open, as the mesh under it is not connected nearby
+  double overlap_share = 0;   ///< volume in more than one of the surface's solids, counted once; of the whole
+  double thickness = 0;       ///< [m] a twentieth of the surface has less solid under it
+  double thin_share = 0;      ///< of the surface, with less than a cell of solid under it: there it is too stiff
+  int suggested_tetrahedra = 0;  ///< about how many have cells as small as `thickness`
   int split_tetrahedra = 0;   ///< lattice tetrahedra with more than one copy
   int merged_slivers = 0;     ///< pieces given to a neighbor
   double cell_size = 0;       ///< [m]
@@ -39,12 +47,15 @@ struct EmbedReport {
   double smallest_fill = 0;
   double smallest_dihedral_deg = 0;
   double worst_radius_ratio = 0;  ///< 3 inradius / circumradius, 1 is regular
+  /// Stiffness of the node that is held least, of the median node's (diagonal of the stiffness, fill counted): a contact
+  /// there gives way by its inverse. The lattice's elements are all alike; what varies is how far they are filled.
+  double softest_node = 0;
   double seconds = 0;
 };
 
 /// Simulation mesh of a surface: a body-centered cubic lattice cut to the solid, with virtual nodes, the surface
 /// embedded. The surface is repaired first (see repairSurface); holes, flipped triangles and duplicate vertices are
-/// survived. The result's surface is the repaired one. Total mass and center of mass are the surface's. Throws
+/// survived. The result's surface is the repaired one, its triangles split until none is larger than a lattice cell. Total mass and center of mass are the surface's. Throws
 /// InputError(options.name, ...) if the surface bounds no volume or an option is out of range.
 SimulationMesh embedSurface(const Surface& surface, const EmbedOptions& options = {}, EmbedReport* report = nullptr);
 

@@ -17,6 +17,8 @@ class InsideField {
   InsideField(const Surface& capped, double voxels = 4e5);
 
   bool inside(const Vec3& x) const;
+  /// Winding number: how many of the solids that overlap hold x.
+  double winding(const Vec3& x) const { return winding_.at(x); }
 
   double voxelSize() const { return size_; }
   const std::array<int, 3>& counts() const { return counts_; }

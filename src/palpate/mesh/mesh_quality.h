@@ -10,6 +10,7 @@ struct TetrahedraQuality {
   double worst_radius_ratio = 0;  ///< 3 inradius / circumradius, 1 for a regular tetrahedron, 0 for a flat one
   double smallest_volume = 0;     ///< [m^3]
   int components = 0;             ///< connected by nodes
+  int face_components = 0;        ///< connected through faces; more than by nodes: parts hinge on edges or single nodes
 };
 TetrahedraQuality measureQuality(const TetrahedralMesh& mesh);
 

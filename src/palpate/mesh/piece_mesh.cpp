@@ -23,15 +23,12 @@ PieceMesh::PieceMesh(const BccLattice& lattice, const TetrahedronSubdivision& cu
       solid_(std::move(solid)),
       classes_(4 * static_cast<int>(solid_.pieces.size())),
       host_(solid_.pieces.size()),
-      linked_(solid_.pieces.size()),
+      adjacent_(solid_.pieces.size()),
       absorbed_(solid_.pieces.size()) {
   for (size_t p = 0; p < host_.size(); ++p) host_[p] = static_cast<int>(p);
-  for (const auto& link : solid_.links) {
-    linked_[static_cast<size_t>(link.piece)].push_back(link.other);
-    linked_[static_cast<size_t>(link.other)].push_back(link.piece);
-  }
   uniteCorners(virtual_nodes);
   mergeIdentical();
+  findFaces();
   mergeSlivers(smallest_fill);
   dropCrumbs();
   for (size_t p = 0; p < host_.size(); ++p)
@@ -68,6 +65,27 @@ void PieceMesh::mergeIdentical() {
   }
 }
 
+// By nodes, not by links: what a piece that is given away was linked with need not touch its host.
+void PieceMesh::findFaces() {
+  std::vector<std::pair<std::array<int, 3>, int>> faces;
+  for (int p = 0; p < static_cast<int>(host_.size()); ++p) {
+    if (!isKept(p)) continue;
+    for (int opposite = 0; opposite < 4; ++opposite) {
+      std::array<int, 3> face{};
+      for (int k = 0, i = 0; k < 4; ++k)
+        if (k != opposite) face[static_cast<size_t>(i++)] = nodeClass(p, k);
+      std::sort(face.begin(), face.end());
+      faces.emplace_back(face, p);
+    }
+  }
+  std::sort(faces.begin(), faces.end());
+  for (size_t i = 0; i < faces.size(); ++i)
+    for (size_t j = i + 1; j < faces.size() && faces[j].first == faces[i].first; ++j) {
+      adjacent_[static_cast<size_t>(faces[i].second)].push_back(faces[j].second);
+      adjacent_[static_cast<size_t>(faces[j].second)].push_back(faces[i].second);
+    }
+}
+
 void PieceMesh::absorb(int piece, int host) {
   auto& from = solid_.pieces[static_cast<size_t>(piece)];
   auto& to = solid_.pieces[static_cast<size_t>(host)];
@@ -89,15 +107,26 @@ void PieceMesh::absorb(int piece, int host) {
   auto& old = absorbed_[static_cast<size_t>(piece)];
   list.insert(list.end(), old.begin(), old.end());
   old.clear();
-  auto& links = linked_[static_cast<size_t>(host)];
-  links.insert(links.end(), linked_[static_cast<size_t>(piece)].begin(), linked_[static_cast<size_t>(piece)].end());
 }
 
 std::vector<int> PieceMesh::keptNeighbors(int piece) const {
   std::set<int> neighbors;
-  for (int other : linked_[static_cast<size_t>(piece)]) neighbors.insert(hostOf(other));
-  neighbors.erase(piece);
+  for (int other : adjacent_[static_cast<size_t>(piece)])
+    if (isKept(other)) neighbors.insert(other);
   return {neighbors.begin(), neighbors.end()};
+}
+
+bool PieceMesh::connectedNear(int piece, int other, int faces) const {
+  std::set<int> reached = {piece};
+  std::vector<int> front = {piece};
+  for (int round = 0; round < faces && !front.empty() && !reached.count(other); ++round) {
+    std::vector<int> next;
+    for (int p : front)
+      for (int n : adjacent_[static_cast<size_t>(p)])
+        if (isKept(n) && reached.insert(n).second) next.push_back(n);
+    front = std::move(next);
+  }
+  return reached.count(other) > 0;
 }
 
 void PieceMesh::mergeSlivers(double smallest_fill) {
@@ -170,17 +199,25 @@ bool PieceMesh::staysConnected(int piece, const std::vector<int>& neighbors) con
   return std::all_of(neighbors.begin(), neighbors.end(), [&](int n) { return reached.count(n) > 0; });
 }
 
-int PieceMesh::components() {
-  DisjointSets sets(4 * static_cast<int>(host_.size()));
+DisjointSets PieceMesh::faceComponents() const {
+  DisjointSets sets(static_cast<int>(host_.size()));
+  for (int p = 0; p < static_cast<int>(host_.size()); ++p) {
+    if (!isKept(p)) continue;
+    for (int other : adjacent_[static_cast<size_t>(p)])
+      if (isKept(other)) sets.unite(p, other);
+  }
+  return sets;
+}
+
+int PieceMesh::components() const {
+  DisjointSets sets = faceComponents();
   std::set<int> roots;
-  for (int p : kept_)
-    for (int k = 1; k < 4; ++k) sets.unite(nodeClass(p, 0), nodeClass(p, k));
-  for (int p : kept_) roots.insert(sets.find(nodeClass(p, 0)));
+  for (int p : kept_) roots.insert(sets.find(p));
   return static_cast<int>(roots.size());
 }
 
 void PieceMesh::dropCrumbs() {
-  DisjointSets sets(4 * static_cast<int>(host_.size()));
+  DisjointSets sets = faceComponents();
   std::map<int, long long> size;
   long long total = 0;
   const auto kept_pieces = [&](auto visit) {
@@ -188,17 +225,14 @@ void PieceMesh::dropCrumbs() {
       if (isKept(p)) visit(p);
   };
   kept_pieces([&](int p) {
-    for (int k = 1; k < 4; ++k) sets.unite(nodeClass(p, 0), nodeClass(p, k));
-  });
-  kept_pieces([&](int p) {
-    size[sets.find(nodeClass(p, 0))] += solid_.pieces[static_cast<size_t>(p)].samples;
+    size[sets.find(p)] += solid_.pieces[static_cast<size_t>(p)].samples;
     total += solid_.pieces[static_cast<size_t>(p)].samples;
   });
   if (size.size() <= 1) return;
   std::vector<int> crumbs;
   std::vector<int> rest;
   kept_pieces([&](int p) {
-    const bool crumb = static_cast<double>(size[sets.find(nodeClass(p, 0))]) < kCrumbShare * static_cast<double>(total);
+    const bool crumb = static_cast<double>(size[sets.find(p)]) < kCrumbShare * static_cast<double>(total);
     (crumb ? crumbs : rest).push_back(p);
   });
   if (rest.empty()) return;

@@ -22,17 +22,22 @@ class PieceMesh {
   int hostOf(int piece) const;
   /// Class of a piece's corner: equal for corners that are one node.
   int nodeClass(int piece, int corner) { return classes_.find(4 * piece + corner); }
-  /// Kept pieces near a kept piece: through one face.
+  /// Kept pieces that share a face, three nodes, with a kept piece.
   std::vector<int> keptNeighbors(int piece) const;
-  int components();
+  /// Of the kept pieces, connected through faces: what is connected so has the six rigid modes and no hinge.
+  int components() const;
+  /// Whether two kept pieces are connected through at most `faces` faces.
+  bool connectedNear(int piece, int other, int faces) const;
 
  private:
   void uniteCorners(bool virtual_nodes);
   void mergeIdentical();
+  void findFaces();
   void mergeSlivers(double smallest_fill);
   void dropCrumbs();
   bool giveAway(int piece);
   bool staysConnected(int piece, const std::vector<int>& neighbors) const;
+  DisjointSets faceComponents() const;
   double worstWeight(int piece, int host) const;
   void absorb(int piece, int host);
   bool isKept(int piece) const { return host_[static_cast<size_t>(piece)] == piece; }
@@ -45,7 +50,7 @@ class PieceMesh {
   SolidPieces solid_;
   DisjointSets classes_;
   std::vector<int> host_;
-  std::vector<std::vector<int>> linked_;    ///< through faces, as the solid is connected
+  std::vector<std::vector<int>> adjacent_;  ///< pieces that share three nodes
   std::vector<std::vector<int>> absorbed_;  ///< original pieces that a kept piece stands for, besides itself
   std::vector<int> kept_;
   int merged_slivers_ = 0;

@@ -50,8 +50,14 @@ CellContent contentOf(const BccLattice& lattice, const InsideField& field) {
 
 class Cutter {
  public:
-  Cutter(const BccLattice& lattice, const TetrahedronSubdivision& cut, const InsideField& field, bool separate)
-      : lattice_(lattice), cut_(cut), field_(field), separate_(separate) {}
+  Cutter(const BccLattice& lattice, const TetrahedronSubdivision& cut, const InsideField& field, bool separate,
+         const std::vector<Vec3>& bridges)
+      : lattice_(lattice), cut_(cut), field_(field), separate_(separate) {
+    for (const Vec3& x : bridges) {
+      const auto at = lattice_.locate(x);
+      if (at.tetrahedron >= 0) bridges_[at.tetrahedron].push_back(cut_.locate(at.weights));
+    }
+  }
 
   SolidPieces run() {
     sampleAll();
@@ -97,6 +103,10 @@ class Cutter {
         const Vec4& w = cut_.centers()[s];
         if (!field_.inside(w[0] * x[0] + w[1] * x[1] + w[2] * x[2] + w[3] * x[3])) continue;
         result_.label[base + s] = 0;
+        any = true;
+      }
+      if (const auto bridge = bridges_.find(tetrahedron); bridge != bridges_.end()) {
+        for (const int s : bridge->second) result_.label[base + static_cast<size_t>(s)] = 0;
         any = true;
       }
     }
@@ -191,6 +201,7 @@ class Cutter {
   const TetrahedronSubdivision& cut_;
   const InsideField& field_;
   bool separate_;
+  std::unordered_map<int64_t, std::vector<int>> bridges_;  ///< samples, by tetrahedron
   SolidPieces result_;
   std::vector<int> grid_;
 };
@@ -198,8 +209,8 @@ class Cutter {
 }  // namespace
 
 SolidPieces cutSolid(const BccLattice& lattice, const TetrahedronSubdivision& cut, const InsideField& field,
-                     bool separate) {
-  return Cutter(lattice, cut, field, separate).run();
+                     bool separate, const std::vector<Vec3>& bridges) {
+  return Cutter(lattice, cut, field, separate, bridges).run();
 }
 
 }  // namespace palpate

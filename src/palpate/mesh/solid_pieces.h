@@ -31,7 +31,8 @@ struct SolidPieces {
 };
 
 /// @param separate  tell pieces in one tetrahedron apart; otherwise each tetrahedron is one piece
+/// @param bridges   points whose samples count as solid wherever their centers lie: what is thinner than a sample
 SolidPieces cutSolid(const BccLattice& lattice, const TetrahedronSubdivision& cut, const InsideField& field,
-                     bool separate);
+                     bool separate, const std::vector<Vec3>& bridges = {});
 
 }  // namespace palpate

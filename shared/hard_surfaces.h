@@ -1,0 +1,95 @@
+#pragma once
+
+// Surfaces that lattices have trouble with: thinner than a cell, tapering, ringed, touching, overlapping; and random ones.
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <random>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "palpate/math/rotation.h"
+#include "palpate/mesh/implicit_surface.h"
+#include "palpate/mesh/shapes.h"
+
+namespace palpate {
+
+inline Surface turned(Surface s, const Vec3& rotation) {
+  const Mat3 r = expRotation(rotation).toRotationMatrix();
+  for (Vec3& x : s.vertices) x = r * x;
+  return s;
+}
+
+inline void append(Surface& to, const Surface& from, const Vec3& shift) {
+  const int base = static_cast<int>(to.vertices.size());
+  for (const Vec3& x : from.vertices) to.vertices.push_back(x + shift);
+  for (const auto& t : from.triangles) to.triangles.push_back({t[0] + base, t[1] + base, t[2] + base});
+}
+
+/// A tail that winds up while it tapers from 10 mm to 1 mm.
+inline Surface taperingTail() {
+  const auto f = [](const Vec3& x) {
+    double d = 1;
+    Vec3 from(0.03, 0, 0);
+    double thick = 0.01;
+    for (int k = 1; k <= 24; ++k) {
+      const double angle = 0.35 * k, r = 0.03 + 0.0015 * k;
+      const Vec3 to(r * std::cos(angle), r * std::sin(angle), 0.003 * k);
+      const double next = 0.01 - 0.009 * k / 24;
+      d = std::min(d, taperedCapsuleDistance(x, from, to, thick, next));
+      from = to;
+      thick = next;
+    }
+    return d;
+  };
+  return meshImplicit(f, {Vec3(-0.085, -0.085, -0.015), Vec3(0.085, 0.085, 0.09)}, 0.0011, 3);
+}
+
+/// Limbs from a trunk in random directions, of random length and thickness.
+inline Surface randomLimbs(std::uint32_t seed) {
+  std::mt19937 random(seed);
+  std::uniform_real_distribution<double> uniform(-1, 1);
+  const auto share = [&] { return 0.5 * (uniform(random) + 1); };
+  struct Limb {
+    Vec3 from, to;
+    double thick, thin;
+  };
+  std::vector<Limb> limbs = {{Vec3(0, 0, -0.03), Vec3(0, 0, 0.03), 0.015, 0.012}};
+  const int count = 3 + static_cast<int>(5 * share());
+  for (int k = 0; k < count; ++k) {
+    Vec3 direction(uniform(random), uniform(random), uniform(random));
+    direction.normalize();
+    const Vec3 from(0, 0, 0.03 * uniform(random));
+    limbs.push_back({from, from + (0.04 + 0.05 * share()) * direction, 0.004 + 0.006 * share(), 0.0015 + 0.004 * share()});
+  }
+  const auto f = [&](const Vec3& x) {
+    double d = 1;
+    for (const Limb& l : limbs) d = std::min(d, taperedCapsuleDistance(x, l.from, l.to, l.thick, l.thin));
+    return d;
+  };
+  return meshImplicit(f, {Vec3::Constant(-0.14), Vec3::Constant(0.14)}, 0.002, 3);
+}
+
+/// Name and surface of each.
+inline std::vector<std::pair<std::string, Surface>> hardSurfaces() {
+  std::vector<std::pair<std::string, Surface>> out;
+  out.emplace_back("plate of 1 mm", turned(boxSurface(Vec3(0.1, 0.08, 0.001), {10, 8, 1}), Vec3(0.3, 0.2, 0.1)));
+  out.emplace_back("straight plate of 0.3 mm", boxSurface(Vec3(0.1, 0.1, 0.0003)));
+  out.emplace_back("needle", turned(boxSurface(Vec3(0.2, 0.001, 0.001)), Vec3(0.1, 0.7, 0.4)));
+  out.emplace_back("tail", taperingTail());
+  for (std::uint32_t seed = 1; seed <= 4; ++seed) {
+    out.emplace_back("limbs " + std::to_string(seed), randomLimbs(seed));
+  }
+  Surface beads;  // joined by threads
+  const auto f = [](const Vec3& x) {
+    double d = taperedCapsuleDistance(x, Vec3(-0.08, 0, 0), Vec3(0.08, 0.02, 0.01), 0.0012, 0.0012);
+    for (const double s : {-1.0, 0.0, 1.0}) d = std::min(d, (x - s * Vec3(0.08, 0.02, 0.01)).norm() - 0.02);
+    return d;
+  };
+  out.emplace_back("beads on a thread", meshImplicit(f, {Vec3(-0.11, -0.05, -0.04), Vec3(0.11, 0.05, 0.04)}, 0.002, 3));
+  return out;
+}
+
+}  // namespace palpate
