@@ -264,7 +264,7 @@ struct SceneConfig {
   AimName aim = AimName::sample;
   DerivativeName derivative = DerivativeName::frozen;
   bool weight_compensation = false;  ///< the device does not feel the tool's static weight
-  std::uint64_t seed = 1;            ///< of everything random
+  std::uint64_t seed = 1;            ///< of everything random: the motion of `palpate stress`
   std::optional<Vec3> view_from;     ///< unit vector, world: where pictures of a run look from; absent: viewFrom()
   ContactConfig contact;
   ToolConfig tool;
