@@ -27,13 +27,18 @@ endif()
 if(PALPATE_SANITIZE)
   target_compile_options(palpate_options INTERFACE -fsanitize=${PALPATE_SANITIZE} -fno-omit-frame-pointer
                                                    -fno-sanitize-recover=all)
+  if(PALPATE_SANITIZE MATCHES "undefined")
+    # checks at each access: the address sanitizer finds what they find, and Eigen asserts its alignment
+    target_compile_options(palpate_options INTERFACE -fno-sanitize=null,alignment,object-size)
+  endif()
   target_link_options(palpate_options INTERFACE -fsanitize=${PALPATE_SANITIZE})
 endif()
 target_link_libraries(palpate_options INTERFACE Eigen3::Eigen fmt::fmt) # both are in the precompiled headers
 
-# What libFuzzer steers by: it watches the rooms, and not the tests of the same build.
+# What libFuzzer steers by: it watches the rooms that read what comes from outside.
 if(PALPATE_FUZZ)
   set(PALPATE_COVERAGE -fsanitize=fuzzer-no-link)
+  set(PALPATE_COVERED mesh devices scene record server_messages protocol viewer interactive one_d)
 endif()
 
 # Precompiled headers: what nearly every source includes. GCC takes the optimization of a precompiled header for that of
@@ -50,7 +55,19 @@ function(palpate_precompiled name)
   target_precompile_headers(${name} PRIVATE ${PALPATE_COMMON_HEADERS} ${ARGN})
 endfunction()
 palpate_precompiled(palpate_headers)
-target_compile_options(palpate_headers PRIVATE ${PALPATE_COVERAGE})
+if(PALPATE_FUZZ)
+  palpate_precompiled(palpate_covered_headers)
+  target_compile_options(palpate_covered_headers PRIVATE ${PALPATE_COVERAGE})
+endif()
+# For what runs once and not at each step, -O1 will do: it compiles in half the time.
+if(CMAKE_BUILD_TYPE STREQUAL "Release")
+  set(PALPATE_LIGHT -O1)
+  set(PALPATE_LIGHT_HEADERS palpate_light_headers)
+  palpate_precompiled(palpate_light_headers)
+  target_compile_options(palpate_light_headers PRIVATE ${PALPATE_LIGHT})
+else()
+  set(PALPATE_LIGHT_HEADERS palpate_headers)
+endif()
 
 # With PALPATE_UNITY, a few sources that include those given, up to twelve each: headers are read and templates compiled
 # once for them all. CMake's own unity build writes absolute paths, which keeps a compiler cache from serving another
@@ -79,17 +96,25 @@ function(palpate_join variable name)
   set(${variable} ${joined} PARENT_SCOPE)
 endfunction()
 
-# palpate_room(NAME SOURCES ... DEPENDS ... [LIBRARIES ...] [ALONE ...] [OPTIONS ...]): one static library, palpate_NAME,
-# for src/palpate/NAME. ALONE: sources that a unity build must not join with others, as their private names clash.
-# OPTIONS: compile options of this room only, which cannot share the precompiled headers.
+# palpate_room(NAME SOURCES ... DEPENDS ... [LIBRARIES ...] [ALONE ...] [LIGHT] [OPTIONS ...]): one static library,
+# palpate_NAME, for src/palpate/NAME. ALONE: sources that a unity build must not join with others, as their private names
+# clash or the file is long. LIGHT: little is to be optimized. OPTIONS: compile options of this room only, which cannot
+# share the precompiled headers.
 function(palpate_room name)
-  cmake_parse_arguments(ROOM "" "" "SOURCES;DEPENDS;LIBRARIES;ALONE;OPTIONS" ${ARGN})
+  cmake_parse_arguments(ROOM "LIGHT" "" "SOURCES;DEPENDS;LIBRARIES;ALONE;OPTIONS" ${ARGN})
   if(ROOM_SOURCES OR ROOM_ALONE)
     palpate_join(joined room_${name} ${ROOM_SOURCES})
     add_library(palpate_${name} STATIC ${joined} ${ROOM_ALONE})
-    target_compile_options(palpate_${name} PRIVATE ${PALPATE_COVERAGE})
+    if(name IN_LIST PALPATE_COVERED)
+      target_compile_options(palpate_${name} PRIVATE ${PALPATE_COVERAGE})
+    endif()
     if(ROOM_OPTIONS)
       target_compile_options(palpate_${name} PRIVATE ${ROOM_OPTIONS})
+    elseif(name IN_LIST PALPATE_COVERED)
+      target_precompile_headers(palpate_${name} REUSE_FROM palpate_covered_headers)
+    elseif(ROOM_LIGHT)
+      target_compile_options(palpate_${name} PRIVATE ${PALPATE_LIGHT})
+      target_precompile_headers(palpate_${name} REUSE_FROM ${PALPATE_LIGHT_HEADERS})
     else()
       target_precompile_headers(palpate_${name} REUSE_FROM palpate_headers)
     endif()

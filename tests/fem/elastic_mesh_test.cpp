@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 #include <Eigen/LU>
 
+#include <numbers>
 #include <numeric>
 #include <random>
 
@@ -183,6 +184,59 @@ TEST(ElasticMesh, ForcesFoundAheadAreThoseFoundAnew) {
     ahead.clear();
     EXPECT_FALSE(ahead.isFor(x));
   }
+}
+
+// Under tension in all directions nothing is cut off: the stiffness with tension is the energy's whole second derivative.
+TEST(ElasticMesh, StiffnessWithTensionIsThatOfCentralDifferences) {
+  const SimulationMesh mesh = smallBar();
+  ElasticMesh fem(mesh, {});
+  std::vector<int> row(mesh.mesh.nodes.size());
+  std::iota(row.begin(), row.end(), 0);
+  SymmetricBlockMatrix a = fem.pattern(row);
+  const Mat3 r = expRotation({0.3, 2.0, -0.4}).toRotationMatrix();
+  const Mat3 stretch = Vec3(1.3, 1.2, 1.4).asDiagonal();
+  const VecX x = mapped(restPositions(mesh), r * stretch, Vec3::Zero()) + randomVector(3 * fem.nodes(), 2e-4, 3);
+  const ElasticState state = fem.stateAt(x);
+  std::vector<Mat3> tension;
+  fem.tensionFactors(x, state, 1.0, tension);
+  fem.assemble(0, 1, state, a, tension);
+  for (unsigned seed = 0; seed < 5; ++seed) {
+    const VecX dx = randomVector(3 * fem.nodes(), 1e-7, 20 + seed);
+    VecX before, after;
+    fem.forces(x - dx, fem.stateAt(x - dx), before);
+    fem.forces(x + dx, fem.stateAt(x + dx), after);
+    const VecX expected = 0.5 * (before - after);
+    EXPECT_LT((a.multiply(dx) - expected).norm(), 1e-6 * expected.norm());
+  }
+}
+
+// A bar twice as long as at rest under its ends' pull is a string: sideways it is held by the pull, which fixed rotations
+// do not know.
+TEST(ElasticMesh, TensionHoldsAStringSideways) {
+  const SimulationMesh mesh = barMesh(Vec3(0.2, 0.005, 0.005), {16, 1, 1});
+  Material material;
+  material.poisson_ratio = 0.0;
+  ElasticMesh fem(mesh, material);
+  VecX x = restPositions(mesh);
+  for (int i = 0; i < fem.nodes(); ++i) x[3 * i] *= 1.5;
+  const double pull = material.youngs_modulus * 0.5 * 0.005 * 0.005;  // [N]
+  std::vector<int> row(mesh.mesh.nodes.size());
+  std::iota(row.begin(), row.end(), 0);
+  SymmetricBlockMatrix a = fem.pattern(row);
+  const ElasticState state = fem.stateAt(x);
+  std::vector<Mat3> tension;
+  fem.tensionFactors(x, state, 1.0, tension);
+  fem.assemble(0, 1, state, a, tension);
+  VecX wave = VecX::Zero(3 * fem.nodes());  // half a sine, sections turning along
+  const double k = std::numbers::pi / 0.3;
+  for (int i = 0; i < fem.nodes(); ++i) {
+    const double s = x[3 * i];
+    wave[3 * i + 1] = std::sin(k * s);
+    wave[3 * i] = -(x[3 * i + 1] - 0.0025) * k * std::cos(k * s);
+  }
+  // of a string of length l: integral of pull (dy/ds)^2 = pull k^2 l / 2
+  const double expected = pull * k * k * 0.3 / 2;
+  EXPECT_NEAR(wave.dot(a.multiply(wave)) / expected, 1.0, 0.05);
 }
 
 // Forces, energy and K are those of a body of a stiffer material.

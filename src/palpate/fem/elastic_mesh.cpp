@@ -1,5 +1,6 @@
 #include "palpate/fem/elastic_mesh.h"
 
+#include <Eigen/Eigenvalues>
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
@@ -8,6 +9,7 @@
 #include "palpate/common/error.h"
 #include "palpate/common/parallel.h"
 #include "palpate/fem/polar.h"
+#include "palpate/math/rotation.h"
 
 namespace palpate {
 namespace {
@@ -69,6 +71,29 @@ ElementForces forcesOf(const ElasticElement& e, double scale, const Mat3& rotati
   for (int k = 0; k < 4; ++k) own.force[k] = -p * e.gradient[k];
   own.energy = mu * strain.squaredNorm() + 0.5 * lambda * trace * trace;
   return own;
+}
+
+// P = R V diag(sqrt(t_k / 2)); zero without tension.
+Mat3 tensionFactor(const ElasticElement& e, const Mat3& rotation, const Mat3& gradient) {
+  constexpr double kLeastStretch = 0.1;  // of a sum of two: what is nearly flat has no stiffness from tension
+  const Mat3 g = rotation.transpose() * gradient;
+  Eigen::SelfAdjointEigenSolver<Mat3> spectrum;
+  spectrum.computeDirect(0.5 * (g + g.transpose()));
+  const Vec3& s = spectrum.eigenvalues();
+  const double swelling = e.lambda * (s.sum() - 3);
+  Vec3 root;
+  for (int k = 0; k < 3; ++k) {
+    const double stretch = s[(k + 1) % 3] + s[(k + 2) % 3];
+    const double t = stretch > kLeastStretch ? (2 * e.mu * (stretch - 2) + 2 * swelling) / stretch : 0.0;
+    root[k] = std::sqrt(0.5 * std::max(t, 0.0));
+  }
+  if (root.isZero(0.0)) return Mat3::Zero();
+  return rotation * spectrum.eigenvectors() * root.asDiagonal();
+}
+
+int partsFor(int elements) {
+  constexpr int kLeast = 32, kMostParts = 32;
+  return std::min(1 + elements / kLeast, kMostParts);
 }
 
 void add(const ElasticElement& e, const ElementForces& own, VecX& f) {
@@ -146,9 +171,8 @@ double ElasticMesh::energyAt(const VecX& x, const ElasticState& state, ElasticAh
   double sum = 0;
   ahead.rotations.resize(elements_.size());
   ahead.element.resize(elements_.size());
-  constexpr int kLeast = 32, kMostParts = 32;
-  const int count = static_cast<int>(elements_.size()), parts = std::min(1 + count / kLeast, kMostParts);
-  parallelRanges(parts, count, [&](int begin, int end) {
+  const int count = static_cast<int>(elements_.size());
+  parallelRanges(partsFor(count), count, [&](int begin, int end) {
     for (int i = begin; i < end; ++i) {
       const ElasticElement& e = elements_[i];
       const Mat3 gradient = e.deformationGradient(x);
@@ -214,13 +238,24 @@ SymmetricBlockMatrix ElasticMesh::pattern(const std::vector<int>& row) {
   return a;
 }
 
-void ElasticMesh::assemble(double mass_scale, double stiffness_scale, const ElasticState& state,
-                           SymmetricBlockMatrix& a) const {
-  for (int part = 0; part < kParts; ++part) assemblePart(part, mass_scale, stiffness_scale, state, a);
+void ElasticMesh::tensionFactors(const VecX& x, const ElasticState& state, double scale, std::vector<Mat3>& out) const {
+  out.resize(elements_.size());
+  const int count = static_cast<int>(elements_.size());
+  parallelRanges(partsFor(count), count, [&](int begin, int end) {
+    for (int n = begin; n < end; ++n) {
+      out[n] = tensionFactor(elements_[n], state.rotations[n], elements_[n].deformationGradient(x));
+      out[n] *= std::sqrt(scale);
+    }
+  });
+}
+
+void ElasticMesh::assemble(double mass_scale, double stiffness_scale, const ElasticState& state, SymmetricBlockMatrix& a,
+                           const std::vector<Mat3>& tension) const {
+  for (int part = 0; part < kParts; ++part) assemblePart(part, mass_scale, stiffness_scale, state, a, tension);
 }
 
 void ElasticMesh::assemblePart(int index, double mass_scale, double stiffness_scale, const ElasticState& state,
-                               SymmetricBlockMatrix& a) const {
+                               SymmetricBlockMatrix& a, const std::vector<Mat3>& tension) const {
   const Part& part = parts_[index];
   const double scale = state.stiffness_scale * stiffness_scale;
   const auto entry = [&](int slot) { return a.values.begin() + 9 * static_cast<std::ptrdiff_t>(slot); };
@@ -229,8 +264,15 @@ void ElasticMesh::assemblePart(int index, double mass_scale, double stiffness_sc
   for (const int n : part.elements) {
     const ElasticElement& e = elements_[n];
     const std::array<Vec3, 4> c = e.rotatedGradients(state.rotations[n]);
+    const bool tense = !tension.empty() && !tension[n].isZero(0.0);
+    std::array<Mat3, 4> turning;  // B_i
+    if (tense) {
+      for (int k = 0; k < 4; ++k) turning[k] = skew(c[k]) * tension[n];
+    }
     for (const PairSlot& s : slots_[n]) {
-      if (s.slot >= part.first && s.slot < part.end) a.block(s.slot) += scale * e.stiffness(c, s.i, s.j);
+      if (s.slot < part.first || s.slot >= part.end) continue;
+      a.block(s.slot) += scale * e.stiffness(c, s.i, s.j);
+      if (tense) a.block(s.slot).noalias() += scale * (turning[s.i] * turning[s.j].transpose());
     }
   }
 }

@@ -17,6 +17,12 @@ std::vector<Vec3> elementCentroids(const TetrahedralMesh& mesh);
 /// the Lame constants times the material's volume, lambda and mu,
 ///   f_i  = -R (lambda tr(e) + 2 mu e) grad N_i,   e = sym(R^T F) - I
 ///   K_ij = lambda c_i c_j^T + mu c_j c_i^T + mu (c_i . c_j) I       (f(x + dx) = f - K dx at fixed R)
+/// What fixed rotations leave out is the energy's curvature in the three directions that turn F = R S against R, with S =
+/// V diag(s) V^T and principal stresses p_k = 2 mu (s_k - 1) + lambda (tr S - 3):
+///   Q_k = R [v_k]x / sqrt(2),   t_k = (p_i + p_j) / (s_i + s_j)
+/// (Smith, de Goes, Kim 2019, "Analytic eigensystems for isotropic distortion energies"). Positive under tension, where
+/// it is what keeps a rope straight; cut off at zero it makes the whole stiffness, positive semidefinite:
+///   K_ij += B_i B_j^T,   B_i = [c_i]x P,   P = R V diag(sqrt(t_k / 2))
 struct ElasticElement {
   std::array<int, 4> node;
   std::array<Vec3, 4> gradient;  ///< grad N_i in the rest shape [1/m]
@@ -93,11 +99,15 @@ class ElasticMesh {
   /// Prepares assemble(): the pattern of the nodes with row[node] >= 0, which must number 0..n-1. While a model is
   /// built.
   SymmetricBlockMatrix pattern(const std::vector<int>& row);
-  /// a = mass_scale M + stiffness_scale K on the pattern's rows, with the state's rotations.
-  void assemble(double mass_scale, double stiffness_scale, const ElasticState& state, SymmetricBlockMatrix& a) const;
+  /// P of each element at x, times sqrt(scale), with the state's rotations, which must be those of x.
+  void tensionFactors(const VecX& x, const ElasticState& state, double scale, std::vector<Mat3>& out) const;
+  /// a = mass_scale M + stiffness_scale (K + sum B B^T) on the pattern's rows, with the state's rotations.
+  /// @param tension  P, one an element, or none
+  void assemble(double mass_scale, double stiffness_scale, const ElasticState& state, SymmetricBlockMatrix& a,
+                const std::vector<Mat3>& tension = {}) const;
   /// One of kParts shares of assemble(), which have no entry in common.
   void assemblePart(int part, double mass_scale, double stiffness_scale, const ElasticState& state,
-                    SymmetricBlockMatrix& a) const;
+                    SymmetricBlockMatrix& a, const std::vector<Mat3>& tension = {}) const;
   static constexpr int kParts = 4;
 
  private:

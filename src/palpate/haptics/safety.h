@@ -21,7 +21,7 @@ struct SafetySettings {
 /// The settings with the peaks of a device.
 SafetySettings safetyForDevice(SafetySettings settings, const DeviceLimits& limits);
 
-/// Age [s] at which a model is stale: four visual steps more than what `latency` explains.
+/// Age [s] at which a model is stale: (latency + 5) visual steps, four more than what the latency explains.
 double modelAgeLimit(double visual_step, int latency);
 
 /// What the safety chain remembers.

@@ -215,11 +215,21 @@ void setFrictionPairs(const SceneConfig& config, World& world) {
   for (const FrictionPairConfig& p : config.contact.pairs) world.setFriction(find(p.first), find(p.second), p.value);
 }
 
+// Says on stderr once a second how far it is.
+World::SettleProgress tellEachSecond(const std::string& what) {
+  using Clock = std::chrono::steady_clock;
+  return [what, last = Clock::now()](int step, double displacement) mutable {
+    if (Clock::now() - last < std::chrono::seconds(1)) return;
+    last = Clock::now();
+    fmt::print(stderr, "{}: towards rest, step {}, moved {:.2g} mm\n", what, step, 1e3 * displacement);
+  };
+}
+
 // One after the other with the rest held still; together only if they lean on each other, as that takes far longer.
 void settle(World& world, const std::vector<int>& bodies, const Pose& device) {
   bool leaning = false;
   for (auto i = bodies.rbegin(); i != bodies.rend(); ++i) {  // the tool last
-    world.settle({*i}, device);
+    world.settle({*i}, device, tellEachSecond(world.body(*i).model.name()));
     const ContactSet& set = world.contacts();
     for (std::size_t c = 0; c < set.contacts.size(); ++c) {
       const Contact& contact = set.contacts[c];
@@ -227,7 +237,7 @@ void settle(World& world, const std::vector<int>& bodies, const Pose& device) {
                  contact.second.body != contact.first.body;
     }
   }
-  if (leaning && bodies.size() > 1) world.settle(bodies, device);
+  if (leaning && bodies.size() > 1) world.settle(bodies, device, tellEachSecond("bodies together"));
 }
 
 BuiltScene buildChecked(const SceneConfig& config) {
@@ -256,7 +266,8 @@ BuiltScene buildChecked(const SceneConfig& config) {
   out.device = buildDevice(config, out.start);
   world.contact.thickness =
       config.contact.thickness.value_or(0.002 * boundsOf(world.tool().model.mesh().surface.vertices).diagonal());
-  std::vector<int> settling{world.toolIndex()};
+  std::vector<int> settling;
+  if (config.tool.settled) settling.push_back(world.toolIndex());
   for (const FreeBodyConfig& b : config.bodies) {
     Vec6 velocity;
     velocity << b.velocity, b.angular_velocity;

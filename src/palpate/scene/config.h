@@ -185,6 +185,7 @@ struct HandleConfig {
 struct ToolConfig : BodyConfig {
   std::vector<HandleConfig> handles;  ///< at least one; only the chosen one is attached
   std::string handle;                 ///< the chosen one
+  bool settled = true;                ///< starts in static equilibrium; otherwise in its rest shape
 
   /// The chosen handle.
   const HandleConfig& chosenHandle() const;
@@ -264,7 +265,7 @@ struct SceneConfig {
   AimName aim = AimName::sample;
   DerivativeName derivative = DerivativeName::frozen;
   bool weight_compensation = false;  ///< the device does not feel the tool's static weight
-  std::uint64_t seed = 1;            ///< of everything random
+  std::uint64_t seed = 1;            ///< of everything random: the motion of `palpate stress`
   std::optional<Vec3> view_from;     ///< unit vector, world: where pictures of a run look from; absent: viewFrom()
   ContactConfig contact;
   ToolConfig tool;

@@ -110,6 +110,12 @@ Field freeShapeField(FreeBodyConfig& body) {
                    }});
 }
 
+// start: rest or settled
+Field startField(bool& settled) {
+  static const std::vector<std::string> starts{"rest", "settled"};
+  return {"start", [&settled](const Value& v) { settled = v.choice(starts) == 1; }};
+}
+
 }  // namespace
 
 void readTool(const Value& value, ToolConfig& tool) {
@@ -128,18 +134,17 @@ void readTool(const Value& value, ToolConfig& tool) {
   for (Field& field : softFields(tool)) fields.push_back(std::move(field));
   fields.push_back(required({"handles", readHandles}));
   fields.push_back({"handle", chooseHandle});
+  fields.push_back(startField(tool.settled));
   value.fields(fields);
 }
 
 FreeBodyConfig readFreeBody(const Value& value, std::size_t index) {
-  static const std::vector<std::string> starts{"rest", "settled"};
   constexpr const char* soft_only = "is for soft bodies; a rigid body has a density and nothing else of a material";
   FreeBodyConfig body;
   body.name = fmt::format("body-{}", index + 1);
   std::vector<Field> fields{booleanField("rigid", body.rigid), freeShapeField(body)};  // the others depend on these
   for (const Field& field : softFields(body)) fields.push_back(onlyFor(body, false, field, soft_only));
-  const Field start{"start", [&body](const Value& v) { body.settled = v.choice(starts) == 1; }};
-  fields.push_back(onlyFor(body, false, start, "is for soft bodies; a rigid body starts as it is placed"));
+  fields.push_back(onlyFor(body, false, startField(body.settled), "is for soft bodies; a rigid body starts as it is placed"));
   fields.push_back(onlyFor(body, true, numberField("density", body.material.density, kDensity),
                            "is for rigid bodies; the density of a soft one is in its material"));
   fields.push_back(poseField("pose", body.pose));

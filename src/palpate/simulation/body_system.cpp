@@ -34,11 +34,13 @@ void BodySystem::assemble(const StepInput& input, BodyState& state) {
     fem.forces(x0_, state.elastic, f_);
   }
   ahead_.clear();
+  // against the step's length alone: tension does not damp
+  fem.tensionFactors(x0_, state.elastic, h * h / c_, tension_);
   parallelFor(ElasticMesh::kParts + 1, [&](int i) {
     if (i == 0) {
       assembleRightSides();
     } else {
-      fem.assemblePart(i - 1, 1.0 + h * fem.material().damping_alpha, c_, state.elastic, a_);
+      fem.assemblePart(i - 1, 1.0 + h * fem.material().damping_alpha, c_, state.elastic, a_, tension_);
     }
   });
 }
@@ -91,6 +93,17 @@ void BodySystem::addPull(int element) {
     moment += pad(arm[j].cross(c[j].head<3>()));
     for (int k = 0; k < 3; ++k) spread[k] += mu * arm[j][k] * c[j];
   }
+  const Mat3 p = std::sqrt(elastic.stiffness_scale) * tension_[element];
+  const bool tense = !p.isZero(0.0);
+  Eigen::Matrix<double, 3, 6> turning = Eigen::Matrix<double, 3, 6>::Zero();  // sum of B_j^T G_j
+  if (tense) {
+    for (int j = 0; j < 4; ++j) {
+      if (model_->attachedIndex()[e.node[j]] < 0) continue;
+      const Mat3 b = (skew(c[j].head<3>()) * p).transpose();
+      turning.leftCols<3>() += b;
+      turning.rightCols<3>() -= b * skew(arm[j]);
+    }
+  }
   const Vec4 stretched = lambda * sum, turned = lambda * moment, sheared = mu * sum;
   for (int i = 0; i < 4; ++i) {
     const Vec4& ci = c[i];
@@ -106,6 +119,7 @@ void BodySystem::addPull(int element) {
       kg(next, 3 + k) -= q[last];
       kg(last, 3 + k) += q[next];
     }
+    if (tense) kg.topRows<3>() += skew(ci.head<3>()) * p * turning;
     const int free = row(e.node[i]);
     if (free >= 0) {
       pulled_.middleCols<6>(6 * free) += kg;

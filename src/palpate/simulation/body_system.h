@@ -144,6 +144,7 @@ class BodySystem {
   StepInput input_;
   double c_ = 0;
   VecX x0_, v0_, f_;
+  std::vector<Mat3> tension_;  // P of each element, times h / sqrt(c)
   HandleState start_;
   ElasticAhead ahead_;
   SymmetricBlockMatrix a_;

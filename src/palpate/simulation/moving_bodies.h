@@ -38,7 +38,8 @@ class MovingBodies {
   /// most of the work, so that its own loops are shared out.
   template <class F>
   void forEach(F&& f) const {
-    parallelByWeight(size(), [&](int b) { return systems_[b]->model().nodes(); }, f);
+    parallelByWeight(
+        size(), [&](int b) { return systems_[b]->model().nodes(); }, f);
   }
 
  private:

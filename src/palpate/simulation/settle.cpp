@@ -1,27 +1,38 @@
+#include <fmt/format.h>
+
+#include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
 #include <algorithm>
+#include <chrono>
 #include <limits>
 
 #include "palpate/common/error.h"
+#include "palpate/math/rotation.h"
+#include "palpate/mesh/surface_measures.h"
 #include "palpate/simulation/world.h"
 
 namespace palpate {
 namespace {
 
-constexpr int kMaxSteps = 3000;
+constexpr int kMaxSteps = 1500;
 constexpr double kTolerance = 1e-12;  // displacement of a step, relative to the bodies' mean edge
 // in contact the solver's tolerance, times so long a step, is a floor that displacements do not fall below
 constexpr double kContactFloor = 1e-6;
-constexpr int kPatience = 5;                                                   // steps without a smaller displacement
-constexpr double kFirstStep = 0.02, kShortestStep = 1e-3, kLongestStep = 2.0;  // [s]
+constexpr int kPatience = 5;  // steps without a smaller displacement
+constexpr double kFirstStep = 0.02, kShortestStep = 1e-5, kLongestStep = 20.0;  // [s]
 // nobody holds a free body: its rigid motions meet only its mass, which a long step makes small beside h^2 K
 constexpr double kLongestFreeStep = 0.05;  // [s]
+constexpr double kRise = 1e-9;             // of an energy that rounding may make
 
-/// Lengths of settling steps, by the displacements that they lead to, which are relative to the mean edge.
+/// Lengths of settling steps: short where the energy rises or displacements jump, then longer and longer.
 class StepLength {
  public:
   explicit StepLength(double longest) : longest_(longest) {}
   double value() const { return h_; }
-  /// Takes the displacement of a step of this length. @returns whether the bodies stand still
+  bool shortest() const { return h_ <= kShortestStep; }
+  void shorten() { h_ = std::max(0.25 * h_, kShortestStep); }
+
+  /// Takes the displacement of a step of this length, relative to the mean edge. @returns whether the bodies stand still
   bool settled(double displacement) {
     stale_ = displacement < best_ ? 0 : stale_ + 1;
     best_ = std::min(best_, displacement);
@@ -29,7 +40,8 @@ class StepLength {
     if (h_ >= longest_ && (displacement < kTolerance || floor_reached)) return true;
     // a jump of the displacement says that the step was too long for the nonlinearity
     const bool jumped = !first_ && displacement > 4.0 * previous_ && displacement > 1e-3;
-    h_ = displacement > 0.3 || jumped ? std::max(0.5 * h_, kShortestStep) : std::min(1.3 * h_, longest_);
+    const double growth = displacement > 0.3 ? 1.2 : displacement > 0.03 ? 1.6 : 3.0;
+    h_ = jumped ? std::max(0.5 * h_, kShortestStep) : std::min(growth * h_, longest_);
     previous_ = displacement;
     first_ = false;
     return false;
@@ -42,33 +54,119 @@ class StepLength {
   bool first_ = true;
 };
 
+std::string vectorText(const Vec3& v) { return fmt::format("({:.2g}, {:.2g}, {:.2g})", v.x(), v.y(), v.z()); }
+
+/// The rigid motion nearest to a body's last one, and how much of that it is.
+struct RigidPart {
+  Vec6 twist = Vec6::Zero();
+  double share = 0;
+};
+
+RigidPart rigidPart(const VecX& x, const VecX& motion) {
+  const Eigen::Index n = x.size() / 3;
+  Vec3 center = Vec3::Zero();
+  for (Eigen::Index i = 0; i < n; ++i) center += x.segment<3>(3 * i) / static_cast<double>(n);
+  Mat6 normal = Mat6::Zero();
+  Vec6 right = Vec6::Zero();
+  for (Eigen::Index i = 0; i < n; ++i) {
+    Eigen::Matrix<double, 3, 6> g;
+    g << Mat3::Identity(), -skew(x.segment<3>(3 * i) - center);
+    normal += g.transpose() * g;
+    right += g.transpose() * motion.segment<3>(3 * i);
+  }
+  RigidPart out;
+  out.twist = normal.ldlt().solve(right);
+  const double all = motion.squaredNorm();
+  if (all > 0) out.share = out.twist.dot(right) / all;
+  return out;
+}
+
+double largestStretch(const ElasticMesh& fem, const VecX& x) {
+  double most = 1;
+  for (const ElasticElement& e : fem.elements()) {
+    const Mat3 f = e.deformationGradient(x);
+    most = std::max(most, std::sqrt(Eigen::SelfAdjointEigenSolver<Mat3>(f.transpose() * f).eigenvalues()[2]));
+  }
+  return most;
+}
+
 }  // namespace
 
-// Backward Euler with growing steps from rest is a damped Newton iteration on the static problem.
-double World::settle(const std::vector<int>& moving, const Pose& device) {
+// Of gravity and elasticity of bodies that move, and of the link [J].
+double World::potentialEnergy(const std::vector<int>& of, const Pose& device) const {
+  double sum = 0;
+  for (const int i : of) {
+    const BodyState& state = state_.bodies[i];
+    const VecX& mass = models_[i]->elasticity().mass();
+    sum += systems_[i]->elasticEnergy(state_.bodies[i]);
+    for (int n = 0; n < models_[i]->nodes(); ++n) {
+      if (models_[i]->row()[n] >= 0) sum -= mass[n] * gravity.dot(state.positions.segment<3>(3 * n));
+    }
+    if (!models_[i]->framed()) continue;
+    sum -= models_[i]->handle().mass * gravity.dot(state.handle.pose.position);
+    if (!models_[i]->held()) continue;
+    const Vec3 turn = logRotation(state.handle.pose.rotation * device.rotation.conjugate());
+    sum += 0.5 * link.stiffness * (state.handle.pose.position - device.position).squaredNorm() +
+           0.5 * link.rotational_stiffness * turn.squaredNorm();
+  }
+  return sum;
+}
+
+// What keeps a body from standing still, as far as its last motion tells; with what a wrong unit would show by.
+std::string World::unrest(int i, const VecX& before) const {
+  const BodyModel& model = *models_[i];
+  const VecX& x = state_.bodies[i].positions;
+  const Bounds box = boundsOf(model.mesh().surface.vertices);
+  std::string text = fmt::format("{}, {:.3g} x {:.3g} x {:.3g} m, {:.3g} kg, ", model.name(), box.high.x() - box.low.x(),
+                                 box.high.y() - box.low.y(), box.high.z() - box.low.z(), model.totalMass());
+  const RigidPart rigid = rigidPart(x, x - before);
+  if (rigid.share > 0.9) {
+    const Vec3 along = rigid.twist.head<3>(), about = rigid.twist.tail<3>();
+    const double size = 0.5 * (box.high - box.low).norm();
+    return text + (along.norm() > size * about.norm() ? "moves freely along " + vectorText(along.normalized())
+                                                      : "turns freely about " + vectorText(about.normalized()));
+  }
+  Eigen::Index worst = 0;
+  const Vec3 place = x.segment<3>(3 * ((x - before).cwiseAbs().maxCoeff(&worst), worst / 3));
+  return text + fmt::format("still moves at {}, and is stretched by up to {:.2f}", vectorText(place),
+                            largestStretch(model.elasticity(), x));
+}
+
+// Backward Euler with growing steps from rest is a damped Newton iteration on the static problem: its matrix has the
+// energy's whole curvature but for what is negative. A step that makes energy is taken back and shortened.
+double World::settle(const std::vector<int>& moving, const Pose& device, const SettleProgress& progress) {
   double longest = kLongestStep, edge = std::numeric_limits<double>::infinity();
-  std::string names;
   for (const int i : moving) {
     if (!models_[i]->held()) longest = kLongestFreeStep;
     edge = std::min(edge, models_[i]->contactFinder().edgeLength());
-    names += (names.empty() ? "" : ", ") + models_[i]->name();
   }
   StepLength h(longest);
-  double speed = 0;
-  double displacement = 0;
+  double speed = 0, displacement = 0, energy = potentialEnergy(moving, device);
   bool settled = false;
+  WorldState before = state_;
   for (int n = 0; n < kMaxSteps && !settled; ++n) {
+    before = state_;
     for (const int i : moving) state_.bodies[i].clearVelocities();
-    if (stepBodies(moving, {h.value(), gravity, link, {device, Vec6::Zero()}}, Advance::yes).failed()) {
-      throw RunError(names + ": no static equilibrium: the system is not positive definite or not finite");
-    }
+    const StepReport report = stepBodies(moving, {h.value(), gravity, link, {device, Vec6::Zero()}}, Advance::yes);
     speed = largestSpeed(moving);
     displacement = speed * h.value() / edge;
+    const double after = potentialEnergy(moving, device);
+    // contact may lift what begins too deep
+    const bool uphill = report.active == 0 && after > energy + kRise * std::abs(energy) && displacement > kContactFloor;
+    if ((report.failed() || uphill || !std::isfinite(after)) && !h.shortest()) {
+      restore(before);
+      h.shorten();
+      continue;
+    }
+    if (report.failed()) break;
+    energy = after;
     settled = h.settled(displacement);
+    if (progress) progress(n, displacement * edge);
   }
-  if (!settled && displacement > 1e-6) {
-    throw RunError(names + ": no static equilibrium at the start within " + std::to_string(kMaxSteps) +
-                   " steps: does anything hold it?");
+  if (!settled && !(displacement <= kContactFloor)) {
+    std::string text;
+    for (const int i : moving) text += (text.empty() ? "" : "; ") + unrest(i, before.bodies[i].positions);
+    throw RunError("no static equilibrium at the start: " + text);
   }
   for (const int i : moving) state_.bodies[i].clearVelocities();
   return speed;

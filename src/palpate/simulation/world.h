@@ -1,5 +1,6 @@
 #pragma once
 
+#include <functional>
 #include <limits>
 #include <memory>
 #include <string>
@@ -68,10 +69,12 @@ class World {
   /// As step(), but positions and velocities stay as they were: for a model at the present state. Only a step that
   /// fails brings its body to rest.
   [[nodiscard]] StepReport evaluate(const DeviceTarget& device, double h);
+  /// Takes the number of a settling step and the largest displacement in it [m]; may throw to end the search.
+  using SettleProgress = std::function<void(int step, double displacement)>;
   /// Brings bodies (with the device held still) to static equilibrium together; all others stand still meanwhile.
   /// @returns the largest speed [m/s] of the last settling step
-  /// @throws RunError if they do not settle
-  double settle(const std::vector<int>& moving, const Pose& device);
+  /// @throws RunError if they do not settle: which motion is free, or where they move, with their extents and mass
+  double settle(const std::vector<int>& moving, const Pose& device, const SettleProgress& progress = {});
 
   /// Contacts of the last step, of all bodies that moved.
   const ContactSet& contacts() const { return stage_.result(); }
@@ -103,6 +106,8 @@ class World {
   void addEnergies(StepReport& report);
   void reportContacts(StepReport& report) const;
   double largestSpeed(const std::vector<int>& of) const;
+  double potentialEnergy(const std::vector<int>& of, const Pose& device) const;
+  std::string unrest(int i, const VecX& before) const;
 
   // model
   std::vector<std::unique_ptr<BodyModel>> models_;
