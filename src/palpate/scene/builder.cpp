@@ -1,6 +1,10 @@
 #include "palpate/scene/builder.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
+#include <chrono>
+#include <string>
 #include <utility>
 
 #include "palpate/common/error.h"

@@ -34,8 +34,8 @@ void BodySystem::assemble(const StepInput& input, BodyState& state) {
     fem.forces(x0_, state.elastic, f_);
   }
   ahead_.clear();
-  // against the step's length alone: tension does not damp
-  fem.tensionFactors(x0_, state.elastic, h * h / c_, tension_);
+  tension_.clear();
+  if (input.tension) fem.tensionFactors(x0_, state.elastic, h * h / c_, tension_);
   parallelFor(ElasticMesh::kParts + 1, [&](int i) {
     if (i == 0) {
       assembleRightSides();
@@ -93,8 +93,8 @@ void BodySystem::addPull(int element) {
     moment += pad(arm[j].cross(c[j].head<3>()));
     for (int k = 0; k < 3; ++k) spread[k] += mu * arm[j][k] * c[j];
   }
-  const Mat3 p = std::sqrt(elastic.stiffness_scale) * tension_[element];
-  const bool tense = !p.isZero(0.0);
+  const bool tense = !tension_.empty() && !tension_[element].isZero(0.0);
+  const Mat3 p = tense ? Mat3(std::sqrt(elastic.stiffness_scale) * tension_[element]) : Mat3::Zero();
   Eigen::Matrix<double, 3, 6> turning = Eigen::Matrix<double, 3, 6>::Zero();  // sum of B_j^T G_j
   if (tense) {
     for (int j = 0; j < 4; ++j) {

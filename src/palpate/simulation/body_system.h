@@ -26,6 +26,9 @@ struct StepInput {
   Vec3 gravity{0, 0, -9.81};
   LinkParameters link;
   DeviceTarget device;
+  /// A has the stiffness of tension as well (fem/elastic_mesh.h): for static solutions. In motion it would be a drag on
+  /// what turns, as A acts on velocities against the world.
+  bool tension = false;
 };
 
 /// The linear system of one body's semi-implicit backward Euler step, and its scratch. It holds nothing that the next
@@ -144,7 +147,7 @@ class BodySystem {
   StepInput input_;
   double c_ = 0;
   VecX x0_, v0_, f_;
-  std::vector<Mat3> tension_;  // P of each element, times h / sqrt(c)
+  std::vector<Mat3> tension_;  // P of each element, times h / sqrt(c): it does not damp; empty: left out
   HandleState start_;
   ElasticAhead ahead_;
   SymmetricBlockMatrix a_;

@@ -127,7 +127,8 @@ std::string World::unrest(int i, const VecX& before) const {
                                                       : "turns freely about " + vectorText(about.normalized()));
   }
   Eigen::Index worst = 0;
-  const Vec3 place = x.segment<3>(3 * ((x - before).cwiseAbs().maxCoeff(&worst), worst / 3));
+  (x - before).cwiseAbs().maxCoeff(&worst);
+  const Vec3 place = x.segment<3>(worst - worst % 3);
   return text + fmt::format("still moves at {}, and is stretched by up to {:.2f}", vectorText(place),
                             largestStretch(model.elasticity(), x));
 }
@@ -147,7 +148,7 @@ double World::settle(const std::vector<int>& moving, const Pose& device, const S
   for (int n = 0; n < kMaxSteps && !settled; ++n) {
     before = state_;
     for (const int i : moving) state_.bodies[i].clearVelocities();
-    const StepReport report = stepBodies(moving, {h.value(), gravity, link, {device, Vec6::Zero()}}, Advance::yes);
+    const StepReport report = stepBodies(moving, {h.value(), gravity, link, {device, Vec6::Zero()}, true}, Advance::yes);
     speed = largestSpeed(moving);
     displacement = speed * h.value() / edge;
     const double after = potentialEnergy(moving, device);

@@ -2,7 +2,6 @@
 
 #include <Eigen/LU>
 #include <Eigen/QR>
-#include <Eigen/SVD>
 #include <Eigen/SparseCholesky>
 #include <Eigen/SparseCore>
 #include <algorithm>
@@ -203,37 +202,9 @@ class SlowBody {
     return rotated;
   }
 
-  /// Curvature of the energy against turns of F at the start, where positive, from its singular values.
-  Mat12 tensionStiffness(std::size_t index) const {
-    const ElasticElement& e = body_.model.elasticity().elements()[index];
-    const double scale = body_.state.elastic.stiffness_scale;
-    const Mat3 f = e.deformationGradient(body_.system.startPositions());
-    Eigen::JacobiSVD<MatX> svd(f, Eigen::ComputeFullU | Eigen::ComputeFullV);
-    MatX u = svd.matrixU(), v = svd.matrixV();
-    Vec3 s = svd.singularValues();
-    for (MatX* m : {&u, &v}) {
-      if (m->determinant() > 0) continue;
-      m->col(2) *= -1;
-      s[2] *= -1;
-    }
-    Mat12 sum = Mat12::Zero();
-    for (int k = 0; k < 3; ++k) {
-      const double s1 = s[(k + 1) % 3], s2 = s[(k + 2) % 3];
-      const double stress1 = 2 * e.mu * (s1 - 1) + e.lambda * (s.sum() - 3);
-      const double stress2 = 2 * e.mu * (s2 - 1) + e.lambda * (s.sum() - 3);
-      if (s1 + s2 <= 0.1 || stress1 + stress2 <= 0) continue;
-      const Mat3 twist = u * skew(Vec3::Unit(k)) * v.transpose() / std::sqrt(2.0);
-      Vec12 q;
-      for (int i = 0; i < 4; ++i) q.segment<3>(3 * i) = twist * e.gradient[i];
-      sum += scale * (stress1 + stress2) / (s1 + s2) * q * q.transpose();
-    }
-    return sum;
-  }
-
   void addElement(std::size_t e, const Pose& pose, std::vector<Eigen::Triplet<double>>& entries, Mat6& frame) const {
     const auto& node = body_.model.elasticity().elements()[e].node;
-    const double h = body_.system.input().step;
-    const Mat12 k = body_.system.stiffnessScale() * rotatedStiffness(e) + h * h * tensionStiffness(e);
+    const Mat12 k = body_.system.stiffnessScale() * rotatedStiffness(e);
     for (int i = 0; i < 4; ++i) {
       for (int j = 0; j < 4; ++j) {
         const int ri = body_.model.row()[node[i]];
