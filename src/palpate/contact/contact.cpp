@@ -16,6 +16,10 @@ std::uint64_t mix(std::uint64_t x) {
   return x ^ (x >> 31);
 }
 
+std::uint64_t nodeKey(int body, int node) {
+  return (static_cast<std::uint64_t>(body) << 32) | static_cast<std::uint32_t>(node);
+}
+
 constexpr double kSameFacing = 0.7;  // cosine; a patch's points that face elsewhere bound other motions
 
 }  // namespace
@@ -103,9 +107,41 @@ void ContactReduction::proposeByFacing(const std::vector<Contact>& all, std::siz
   }
 }
 
+// The heaviest free node of the contact's soft bodies is its own from now on. @returns false if none has weight enough; true
+// without soft bodies
+bool ContactReduction::takeNode(const Contact& contact, const std::vector<char>& soft) {
+  constexpr double kLeastShare = 0.4;  // of the heaviest node's weight
+  const auto isSoft = [&](const ContactPoint& p) {
+    return p.body >= 0 && p.body < static_cast<int>(soft.size()) && soft[p.body];
+  };
+  double heaviest = 0;
+  for (const ContactPoint* point : {&contact.first, &contact.second}) {
+    if (!isSoft(*point)) continue;
+    for (int k = 0; k < point->count; ++k) heaviest = std::max(heaviest, point->weight[k]);
+  }
+  if (heaviest == 0) return true;
+  Taken best{-1, -1, contact.normal};
+  double most = kLeastShare * heaviest;
+  for (const ContactPoint* point : {&contact.first, &contact.second}) {
+    if (!isSoft(*point)) continue;
+    for (int k = 0; k < point->count; ++k) {
+      if (point->weight[k] <= most) continue;
+      const auto [first, last] = nodes_.equal_range(nodeKey(point->body, point->node[k]));
+      if (std::any_of(first, last, [&](const auto& t) { return t.second.normal.dot(contact.normal) > kSameFacing; })) {
+        continue;
+      }
+      most = point->weight[k];
+      best.body = point->body;
+      best.node = point->node[k];
+    }
+  }
+  if (best.body >= 0) nodes_.emplace(nodeKey(best.body, best.node), best);
+  return best.body >= 0;
+}
+
 // Takes proposals, kept ones first and then the deepest, unless one of the same pair of surfaces that is taken already
-// lies nearer than `spacing` and faces the same way; those that were kept are all taken.
-void ContactReduction::takeSpaced(const std::vector<Contact>& all, double spacing) {
+// lies nearer than `spacing` and faces the same way, or no node is left for it.
+void ContactReduction::takeSpaced(const std::vector<Contact>& all, double spacing, const std::vector<char>& soft) {
   std::sort(proposals_.begin(), proposals_.end(), [&](int a, int b) {
     if (kept_[a] != kept_[b]) return kept_[a] > kept_[b];
     if (all[a].end_gap != all[b].end_gap) return all[a].end_gap < all[b].end_gap;
@@ -113,6 +149,7 @@ void ContactReduction::takeSpaced(const std::vector<Contact>& all, double spacin
   });
   chosen_.clear();
   taken_.assign(all.size(), 0);
+  nodes_.clear();
   latest_.assign(static_cast<std::size_t>(pairs_), -1);
   earlier_.assign(all.size(), -1);
   for (const int i : proposals_) {
@@ -123,7 +160,7 @@ void ContactReduction::takeSpaced(const std::vector<Contact>& all, double spacin
       const Contact& o = all[j];
       crowded = o.normal.dot(c.normal) > kSameFacing && (c.position - o.position).squaredNorm() < spacing * spacing;
     }
-    if (crowded) continue;
+    if (crowded || !takeNode(c, soft)) continue;
     taken_[i] = 1;
     earlier_[i] = latest;
     latest = i;
@@ -132,9 +169,10 @@ void ContactReduction::takeSpaced(const std::vector<Contact>& all, double spacin
 }
 
 const std::vector<int>& ContactReduction::choose(const std::vector<Contact>& candidates,
-                                                 const std::vector<std::uint64_t>& kept, double spacing) {
+                                                 const std::vector<std::uint64_t>& kept, double spacing,
+                                                 const std::vector<char>& soft) {
   propose(candidates, kept);
-  takeSpaced(candidates, spacing);
+  takeSpaced(candidates, spacing, soft);
   return chosen_;
 }
 

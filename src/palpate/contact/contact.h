@@ -2,6 +2,7 @@
 
 #include <array>
 #include <cstdint>
+#include <unordered_map>
 #include <vector>
 
 #include "palpate/math/types.h"
@@ -95,23 +96,32 @@ std::uint64_t contactKey(std::uint64_t a, std::uint64_t b, std::uint64_t c = 0, 
 
 /// Chooses from all candidates a small, well-spread set. A patch moves affinely, so against a plane a few extreme
 /// points of it bound all others; patches overlap in the nodes they share, so points of one pair of surfaces that are
-/// nearer to each other than `spacing` and face the same way are thinned, deepest first. Those in `kept` (sorted
-/// tracks: contacts that carried force in the last step) come before all others. What the choice misses is found by the
-/// check at the end of the step and added.
+/// nearer to each other than `spacing` and face the same way are thinned, deepest first. Each contact needs a node of a
+/// soft body for itself, of some weight in it, that no other contact of like facing has: so there are no more contacts
+/// than nodes near, and W stays far from singular. Those in `kept` (sorted tracks: contacts that carried force in the
+/// last step) come before all others. What the choice misses is found by the check at the end of the step and added.
+/// @param soft  which bodies are
 /// @returns indices into candidates, in order of choice
 class ContactReduction {
  public:
   const std::vector<int>& choose(const std::vector<Contact>& candidates, const std::vector<std::uint64_t>& kept,
-                                 double spacing);
+                                 double spacing, const std::vector<char>& soft = {});
 
  private:
   void propose(const std::vector<Contact>& all, const std::vector<std::uint64_t>& kept);
   void proposeByFacing(const std::vector<Contact>& all, std::size_t begin, std::size_t end);
   void extremePoints(const std::vector<Contact>& all, std::size_t begin, std::size_t end);
-  void takeSpaced(const std::vector<Contact>& all, double spacing);
+  void takeSpaced(const std::vector<Contact>& all, double spacing, const std::vector<char>& soft);
+  bool takeNode(const Contact& contact, const std::vector<char>& soft);
+
+  struct Taken {  // a node, and the way that its contact faces
+    int body, node;
+    Vec3 normal;
+  };
 
   std::vector<int> order_, proposals_, chosen_;
   std::vector<char> kept_, taken_;
+  std::unordered_multimap<std::uint64_t, Taken> nodes_;
   int pairs_ = 0;                             // of surfaces
   std::vector<int> pair_, latest_, earlier_;  // pair of surfaces of a candidate; its last chosen; the one before that
 };

@@ -147,7 +147,13 @@ void ContactStage::choose(const MovingBodies& bodies, const ContactSettings& set
     double edge = finderOf(bodies[0]).edgeLength();
     for (int b = 0; b < bodies.size(); ++b) edge = std::min(edge, finderOf(bodies[b]).edgeLength());
     memory.tracks(tracks_);
-    for (const int i : reduction_.choose(candidates_, tracks_, settings.spacing * edge)) {
+    soft_.clear();
+    for (int b = 0; b < bodies.size(); ++b) {
+      if (bodies[b].model().isRigid()) continue;
+      soft_.resize(std::max<std::size_t>(soft_.size(), bodies.index(b) + 1), 0);
+      soft_[bodies.index(b)] = 1;
+    }
+    for (const int i : reduction_.choose(candidates_, tracks_, settings.spacing * edge, soft_)) {
       set_.contacts.push_back(candidates_[i]);
     }
   } else {

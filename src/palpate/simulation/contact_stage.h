@@ -62,6 +62,7 @@ class ContactStage {
   ContactSet set_;
   IslandSolver islands_;
   ContactReduction reduction_;
+  std::vector<char> soft_;  // bodies of the world that are
   std::vector<Contact> candidates_;
   std::vector<char> changed_;                        // contacts that the present pass has anew
   std::vector<std::pair<std::uint64_t, int>> keys_;  // of the contacts, sorted
