@@ -38,7 +38,7 @@ target_link_libraries(palpate_options INTERFACE Eigen3::Eigen fmt::fmt) # both a
 # What libFuzzer steers by: it watches the rooms that read what comes from outside.
 if(PALPATE_FUZZ)
   set(PALPATE_COVERAGE -fsanitize=fuzzer-no-link)
-  set(PALPATE_COVERED mesh devices scene record server_messages protocol viewer interactive one_d)
+  set(PALPATE_COVERED mesh devices one_d) # and those that are LIGHT
 endif()
 
 # Precompiled headers: what nearly every source includes. GCC takes the optimization of a precompiled header for that of
@@ -59,15 +59,15 @@ if(PALPATE_FUZZ)
   palpate_precompiled(palpate_covered_headers)
   target_compile_options(palpate_covered_headers PRIVATE ${PALPATE_COVERAGE})
 endif()
-# For what runs once and not at each step, -O1 will do: it compiles in half the time.
+# For what runs once and not at each step: compiles in half the time. What is not optimized at all is slower under a
+# sanitizer, but it is not what its tests wait for.
 if(CMAKE_BUILD_TYPE STREQUAL "Release")
   set(PALPATE_LIGHT -O1)
-  set(PALPATE_LIGHT_HEADERS palpate_light_headers)
-  palpate_precompiled(palpate_light_headers)
-  target_compile_options(palpate_light_headers PRIVATE ${PALPATE_LIGHT})
 else()
-  set(PALPATE_LIGHT_HEADERS palpate_headers)
+  set(PALPATE_LIGHT -O0)
 endif()
+palpate_precompiled(palpate_light_headers)
+target_compile_options(palpate_light_headers PRIVATE ${PALPATE_LIGHT} ${PALPATE_COVERAGE})
 
 # With PALPATE_UNITY, a few sources that include those given, up to twelve each: headers are read and templates compiled
 # once for them all. CMake's own unity build writes absolute paths, which keeps a compiler cache from serving another
@@ -105,16 +105,16 @@ function(palpate_room name)
   if(ROOM_SOURCES OR ROOM_ALONE)
     palpate_join(joined room_${name} ${ROOM_SOURCES})
     add_library(palpate_${name} STATIC ${joined} ${ROOM_ALONE})
-    if(name IN_LIST PALPATE_COVERED)
+    if(name IN_LIST PALPATE_COVERED AND NOT ROOM_LIGHT)
       target_compile_options(palpate_${name} PRIVATE ${PALPATE_COVERAGE})
     endif()
     if(ROOM_OPTIONS)
       target_compile_options(palpate_${name} PRIVATE ${ROOM_OPTIONS})
+    elseif(ROOM_LIGHT)
+      target_compile_options(palpate_${name} PRIVATE ${PALPATE_LIGHT} ${PALPATE_COVERAGE})
+      target_precompile_headers(palpate_${name} REUSE_FROM palpate_light_headers)
     elseif(name IN_LIST PALPATE_COVERED)
       target_precompile_headers(palpate_${name} REUSE_FROM palpate_covered_headers)
-    elseif(ROOM_LIGHT)
-      target_compile_options(palpate_${name} PRIVATE ${PALPATE_LIGHT})
-      target_precompile_headers(palpate_${name} REUSE_FROM ${PALPATE_LIGHT_HEADERS})
     else()
       target_precompile_headers(palpate_${name} REUSE_FROM palpate_headers)
     endif()
@@ -138,17 +138,27 @@ if(PALPATE_TESTS)
   palpate_precompiled(palpate_test_headers <gtest/gtest.h>)
   target_link_libraries(palpate_test_headers PRIVATE GTest::gtest)
   target_compile_options(palpate_test_headers PRIVATE -O1)
+  palpate_precompiled(palpate_light_test_headers <gtest/gtest.h>)
+  target_link_libraries(palpate_light_test_headers PRIVATE GTest::gtest)
+  target_compile_options(palpate_light_test_headers PRIVATE -O0)
 endif()
 
-# palpate_test(NAME SOURCES ... DEPENDS ... [LIBRARIES ...] [LABELS ...] [ALONE ...]): one GoogleTest program, test_NAME;
+# palpate_test(NAME SOURCES ... DEPENDS ... [LIBRARIES ...] [LABELS ...] [ALONE ...] [LIGHT]): one GoogleTest program,
+# test_NAME;
 # one or two a room, as each is linked with all that its room needs. Its tests labelled core run in the address-sanitizer
 # build as well, those labelled tsan in the thread-sanitizer build. ALONE: sources that a unity build must not join.
+# LIGHT: the sources compute little themselves, so they are not optimized.
 function(palpate_test name)
-  cmake_parse_arguments(TEST "" "" "SOURCES;ALONE;DEPENDS;LIBRARIES;LABELS" ${ARGN})
+  cmake_parse_arguments(TEST "LIGHT" "" "SOURCES;ALONE;DEPENDS;LIBRARIES;LABELS" ${ARGN})
   palpate_join(joined test_${name} ${TEST_SOURCES})
   add_executable(test_${name} ${joined} ${TEST_ALONE})
-  target_precompile_headers(test_${name} REUSE_FROM palpate_test_headers)
-  target_compile_options(test_${name} PRIVATE -O1)  # the rooms are what is tested; this halves the build of the tests
+  if(TEST_LIGHT)
+    target_precompile_headers(test_${name} REUSE_FROM palpate_light_test_headers)
+    target_compile_options(test_${name} PRIVATE -O0)
+  else()
+    target_precompile_headers(test_${name} REUSE_FROM palpate_test_headers)
+    target_compile_options(test_${name} PRIVATE -O1)  # the rooms are what is tested; this halves the tests' build
+  endif()
   foreach(other IN LISTS TEST_DEPENDS)
     target_link_libraries(test_${name} PRIVATE palpate_${other})
   endforeach()
