@@ -65,14 +65,17 @@ std::string formatReport(const EmbedSummary& s) {
   line(out, "tetrahedra", "{}, {} nodes, cell {:.4g} m", r.tetrahedra, r.nodes, r.cell_size);
   line(out, "pieces", "{} (surface {}), each connected through faces; {} lattice tetrahedra with several copies",
        r.components, r.solid_components, r.split_tetrahedra);
-  if (r.bridges > 0) line(out, "bridged", "{} places thinner than a sample of {:.2g} m", r.bridges, r.cell_size / r.subdivision);
-  if (r.seams > 0) line(out, "SEAMS", "{} places where the surface may open under load: ask for more tetrahedra", r.seams);
+  if (r.bridges > 0)
+    line(out, "bridged", "{} places thinner than a sample of {:.2g} m", r.bridges, r.cell_size / r.subdivision);
+  if (r.seams > 0)
+    line(out, "SEAMS", "{} places where the surface may open under load: ask for more tetrahedra", r.seams);
   if (r.overlap_share > 0)
     line(out, "overlap", "{:.1f} % of the volume lies in several of the solids and is counted once",
          100 * r.overlap_share / (1 + r.overlap_share));
   line(out, "thickness", "a twentieth of the surface has less than {:.3g} m of solid under it", r.thickness);
   if (r.thin_share > 0.05) {
-    line(out, "TOO THIN", "{:.0f} % of the surface has less than a cell under it and is too stiff; --tets {} carries it",
+    line(out, "TOO THIN",
+         "{:.0f} % of the surface has less than a cell under it and is too stiff; --tets {} carries it",
          100 * r.thin_share, r.suggested_tetrahedra);
   }
   line(out, "softest node", "{:.3f} of the median's stiffness (least fill {:.3f})", r.softest_node, r.smallest_fill);
@@ -205,7 +208,8 @@ void addEmbed(CLI::App& group) {
 void addStiffness(CLI::App& group) {
   const auto options = std::make_shared<StiffnessCommand>();
   CLI::App* command = group.add_subcommand(
-      "stiffness", "How the stiffness of a surface's mesh depends on its number of tetrahedra: coarse ones are too stiff");
+      "stiffness",
+      "How the stiffness of a surface's mesh depends on its number of tetrahedra: coarse ones are too stiff");
   command->add_option("surface", options->surface, "Triangle surface: OBJ, STL, PLY or OFF")
       ->required()
       ->type_name("SURFACE");

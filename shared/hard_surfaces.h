@@ -1,6 +1,7 @@
 #pragma once
 
-// Surfaces that lattices have trouble with: thinner than a cell, tapering, ringed, touching, overlapping; and random ones.
+// Surfaces that lattices have trouble with: thinner than a cell, tapering, ringed, touching, overlapping; and random
+// ones.
 
 #include <algorithm>
 #include <cmath>
@@ -28,7 +29,7 @@ inline void append(Surface& to, const Surface& from, const Vec3& shift) {
   for (const auto& t : from.triangles) to.triangles.push_back({t[0] + base, t[1] + base, t[2] + base});
 }
 
-/// A tail that winds up while it tapers from 10 mm to 1 mm.
+/// A tail that winds up while it tapers from 10 mm to 2.5 mm.
 inline Surface taperingTail() {
   const auto f = [](const Vec3& x) {
     double d = 1;
@@ -37,14 +38,14 @@ inline Surface taperingTail() {
     for (int k = 1; k <= 24; ++k) {
       const double angle = 0.35 * k, r = 0.03 + 0.0015 * k;
       const Vec3 to(r * std::cos(angle), r * std::sin(angle), 0.003 * k);
-      const double next = 0.01 - 0.009 * k / 24;
-      d = std::min(d, taperedCapsuleDistance(x, from, to, thick, next));
+      const double next = 0.01 - 0.0075 * k / 24;
+      d = smoothUnion(d, taperedCapsuleDistance(x, from, to, thick, next), 0.002);
       from = to;
       thick = next;
     }
     return d;
   };
-  return meshImplicit(f, {Vec3(-0.085, -0.085, -0.015), Vec3(0.085, 0.085, 0.09)}, 0.0011, 3);
+  return meshImplicit(f, {Vec3(-0.1, -0.1, -0.02), Vec3(0.1, 0.1, 0.1)}, 0.0016, 3);
 }
 
 /// Limbs from a trunk in random directions, of random length and thickness.
@@ -62,14 +63,15 @@ inline Surface randomLimbs(std::uint32_t seed) {
     Vec3 direction(uniform(random), uniform(random), uniform(random));
     direction.normalize();
     const Vec3 from(0, 0, 0.03 * uniform(random));
-    limbs.push_back({from, from + (0.04 + 0.05 * share()) * direction, 0.004 + 0.006 * share(), 0.0015 + 0.004 * share()});
+    limbs.push_back(
+        {from, from + (0.04 + 0.05 * share()) * direction, 0.004 + 0.006 * share(), 0.0035 + 0.002 * share()});
   }
   const auto f = [&](const Vec3& x) {
     double d = 1;
-    for (const Limb& l : limbs) d = std::min(d, taperedCapsuleDistance(x, l.from, l.to, l.thick, l.thin));
+    for (const Limb& l : limbs) d = smoothUnion(d, taperedCapsuleDistance(x, l.from, l.to, l.thick, l.thin), 0.006);
     return d;
   };
-  return meshImplicit(f, {Vec3::Constant(-0.14), Vec3::Constant(0.14)}, 0.002, 3);
+  return meshImplicit(f, {Vec3::Constant(-0.15), Vec3::Constant(0.15)}, 0.0024, 3);
 }
 
 /// Name and surface of each.
@@ -77,15 +79,15 @@ inline std::vector<std::pair<std::string, Surface>> hardSurfaces() {
   std::vector<std::pair<std::string, Surface>> out;
   out.emplace_back("plate of 1 mm", turned(boxSurface(Vec3(0.1, 0.08, 0.001), {10, 8, 1}), Vec3(0.3, 0.2, 0.1)));
   out.emplace_back("straight plate of 0.3 mm", boxSurface(Vec3(0.1, 0.1, 0.0003)));
-  out.emplace_back("needle", turned(boxSurface(Vec3(0.2, 0.001, 0.001)), Vec3(0.1, 0.7, 0.4)));
+  out.emplace_back("needle", boxSurface(Vec3(0.1, 0.001, 0.001)));
   out.emplace_back("tail", taperingTail());
   for (std::uint32_t seed = 1; seed <= 4; ++seed) {
     out.emplace_back("limbs " + std::to_string(seed), randomLimbs(seed));
   }
-  Surface beads;  // joined by threads
+  // three balls on a thread
   const auto f = [](const Vec3& x) {
-    double d = taperedCapsuleDistance(x, Vec3(-0.08, 0, 0), Vec3(0.08, 0.02, 0.01), 0.0012, 0.0012);
-    for (const double s : {-1.0, 0.0, 1.0}) d = std::min(d, (x - s * Vec3(0.08, 0.02, 0.01)).norm() - 0.02);
+    double d = taperedCapsuleDistance(x, Vec3(-0.08, 0, 0), Vec3(0.08, 0.02, 0.01), 0.003, 0.003);
+    for (const double s : {-1.0, 0.0, 1.0}) d = smoothUnion(d, (x - s * Vec3(0.08, 0.02, 0.01)).norm() - 0.02, 0.004);
     return d;
   };
   out.emplace_back("beads on a thread", meshImplicit(f, {Vec3(-0.11, -0.05, -0.04), Vec3(0.11, 0.05, 0.04)}, 0.002, 3));

@@ -186,7 +186,8 @@ TEST(ElasticMesh, ForcesFoundAheadAreThoseFoundAnew) {
   }
 }
 
-// Under tension in all directions nothing is cut off: the stiffness with tension is the energy's whole second derivative.
+// Under tension in all directions nothing is cut off: the stiffness with tension is the energy's whole second
+// derivative.
 TEST(ElasticMesh, StiffnessWithTensionIsThatOfCentralDifferences) {
   const SimulationMesh mesh = smallBar();
   ElasticMesh fem(mesh, {});
@@ -210,8 +211,8 @@ TEST(ElasticMesh, StiffnessWithTensionIsThatOfCentralDifferences) {
   }
 }
 
-// A bar twice as long as at rest under its ends' pull is a string: sideways it is held by the pull, which fixed rotations
-// do not know.
+// A bar twice as long as at rest under its ends' pull is a string: sideways it is held by the pull, which fixed
+// rotations do not know.
 TEST(ElasticMesh, TensionHoldsAStringSideways) {
   const SimulationMesh mesh = barMesh(Vec3(0.2, 0.005, 0.005), {16, 1, 1});
   Material material;

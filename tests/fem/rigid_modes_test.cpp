@@ -37,7 +37,7 @@ TEST(EmbedSurface, MeshesOfHardSurfacesHaveExactlyTheSixRigidModes) {
       options.target_tetrahedra = target;
       EmbedReport report;
       const SimulationMesh mesh = embedSurface(surface, options, &report);
-      EXPECT_EQ(complaintsAbout(mesh), "") << name;
+      EXPECT_EQ(test::complaintsAbout(mesh), "") << name;
       EXPECT_EQ(freeMotions(mesh), 6) << name << ", " << report.tetrahedra;
       EXPECT_EQ(report.seams, 0) << name << ", " << report.tetrahedra;
     }

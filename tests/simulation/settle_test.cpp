@@ -28,7 +28,8 @@ World hanging(const Vec3& size, const std::array<int, 3>& cells, double youngs_m
   world.link.stiffness = 1e5;
   world.link.rotational_stiffness = 1e3;
   BodyModel body("bar", barMesh(size, cells), materialOf(youngs_modulus, poisson_ratio));
-  holdNodes(body, [&](const Vec3& x) { return x.z() > size.z() * (1 - 1e-9); }, kPlainHandle);
+  holdNodes(
+      body, [&](const Vec3& x) { return x.z() > size.z() * (1 - 1e-9); }, kPlainHandle);
   world.add(std::move(body));
   return world;
 }
@@ -54,8 +55,8 @@ double elongation(const World& world, double length) {
 
 class HangingBar : public testing::TestWithParam<double> {};
 
-// rho g L / E from next to nothing to where it is half as long again. Without lateral contraction the stress at a height
-// is the weight below it, and the elongation rho g L^2 / 2E, linear as the material is.
+// rho g L / E from next to nothing to where it is half as long again. Without lateral contraction the stress at a
+// height is the weight below it, and the elongation rho g L^2 / 2E, linear as the material is.
 TEST_P(HangingBar, StretchesByItsWeight) {
   const double ratio = GetParam(), length = 0.16;
   const double youngs_modulus = kDensity * kGravity * length / ratio;
@@ -68,9 +69,10 @@ TEST_P(HangingBar, StretchesByItsWeight) {
 TEST_P(HangingBar, ComesToRestThoughItContracts) {
   const double ratio = GetParam(), length = 0.16;
   World world = hanging(Vec3(0.04, 0.04, length), {3, 3, 12}, kDensity * kGravity * length / ratio, 0.4);
-  world.settle({0}, world.tool().state.handle.pose);
+  const Pose device = world.tool().state.handle.pose;
+  world.settle({0}, device);
   const VecX before = world.tool().state.positions;
-  const StepReport report = world.step({world.tool().state.handle.pose, Vec6::Zero()}, 0.033);
+  const StepReport report = world.step({device, Vec6::Zero()}, 0.033);
   EXPECT_EQ(report.status, StepStatus::ok);
   EXPECT_LT((world.tool().state.positions - before).cwiseAbs().maxCoeff(), 1e-6);
 }
@@ -83,7 +85,8 @@ TEST(Settle, RopeAndSheetHang) {
     std::array<int, 3> cells;
     double youngs_modulus;
   };
-  for (const Case& c : {Case{Vec3(0.006, 0.006, 0.5), {1, 1, 40}, 2e4}, Case{Vec3(0.3, 0.004, 0.3), {12, 1, 12}, 1e4}}) {
+  for (const Case& c :
+       {Case{Vec3(0.006, 0.006, 0.5), {1, 1, 40}, 2e4}, Case{Vec3(0.3, 0.004, 0.3), {12, 1, 12}, 1e4}}) {
     World world = hanging(c.size, c.cells, c.youngs_modulus, 0.3);
     EXPECT_NO_THROW(world.settle({0}, world.tool().state.handle.pose)) << c.size.transpose();
   }
@@ -96,7 +99,8 @@ TEST(Settle, ASheetHeldLevelByOneEdgeHangsDown) {
   world.link.stiffness = 1e5;
   world.link.rotational_stiffness = 1e3;
   BodyModel body("sheet", barMesh(Vec3(0.2, 0.1, 0.002), {20, 6, 1}), materialOf(2e4, 0.3));
-  holdNodes(body, [](const Vec3& x) { return x.x() < 1e-9; }, kPlainHandle);
+  holdNodes(
+      body, [](const Vec3& x) { return x.x() < 1e-9; }, kPlainHandle);
   world.add(std::move(body));
   world.settle({0}, world.tool().state.handle.pose);
   double lowest = 0;

@@ -107,8 +107,8 @@ void ContactReduction::proposeByFacing(const std::vector<Contact>& all, std::siz
   }
 }
 
-// The heaviest free node of the contact's soft bodies is its own from now on. @returns false if none has weight enough; true
-// without soft bodies
+// The heaviest free node of the contact's soft bodies is its own from now on. @returns false if none has weight enough;
+// true without soft bodies
 bool ContactReduction::takeNode(const Contact& contact, const std::vector<char>& soft) {
   constexpr double kLeastShare = 0.4;  // of the heaviest node's weight
   const auto isSoft = [&](const ContactPoint& p) {

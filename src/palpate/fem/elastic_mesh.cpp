@@ -249,8 +249,8 @@ void ElasticMesh::tensionFactors(const VecX& x, const ElasticState& state, doubl
   });
 }
 
-void ElasticMesh::assemble(double mass_scale, double stiffness_scale, const ElasticState& state, SymmetricBlockMatrix& a,
-                           const std::vector<Mat3>& tension) const {
+void ElasticMesh::assemble(double mass_scale, double stiffness_scale, const ElasticState& state,
+                           SymmetricBlockMatrix& a, const std::vector<Mat3>& tension) const {
   for (int part = 0; part < kParts; ++part) assemblePart(part, mass_scale, stiffness_scale, state, a, tension);
 }
 

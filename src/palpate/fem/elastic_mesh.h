@@ -17,8 +17,8 @@ std::vector<Vec3> elementCentroids(const TetrahedralMesh& mesh);
 /// the Lame constants times the material's volume, lambda and mu,
 ///   f_i  = -R (lambda tr(e) + 2 mu e) grad N_i,   e = sym(R^T F) - I
 ///   K_ij = lambda c_i c_j^T + mu c_j c_i^T + mu (c_i . c_j) I       (f(x + dx) = f - K dx at fixed R)
-/// What fixed rotations leave out is the energy's curvature in the three directions that turn F = R S against R, with S =
-/// V diag(s) V^T and principal stresses p_k = 2 mu (s_k - 1) + lambda (tr S - 3):
+/// What fixed rotations leave out is the energy's curvature in the three directions that turn F = R S against R, with S
+/// = V diag(s) V^T and principal stresses p_k = 2 mu (s_k - 1) + lambda (tr S - 3):
 ///   Q_k = R [v_k]x / sqrt(2),   t_k = (p_i + p_j) / (s_i + s_j)
 /// (Smith, de Goes, Kim 2019, "Analytic eigensystems for isotropic distortion energies"). Positive under tension, where
 /// it is what keeps a rope straight; cut off at zero it makes the whole stiffness, positive semidefinite:

@@ -22,8 +22,8 @@ constexpr double kLargestLattice = 4e6;  // cells
 constexpr int kLargestTarget = 200'000;
 constexpr int kMostTrials = 14;
 constexpr int kSeamRounds = 5;
-constexpr double kThinShare = 0.05;    // of the surface: what is thinner than this does not matter
-constexpr double kOverlap = 2e-3;      // of the volume: less is within the error of sampling
+constexpr double kThinShare = 0.05;  // of the surface: what is thinner than this does not matter
+constexpr double kOverlap = 2e-3;    // of the volume: less is within the error of sampling
 constexpr int kLeastChosen = 300, kMostChosen = 20'000;
 
 void requireOptions(const EmbedOptions& options) {
@@ -68,7 +68,8 @@ std::unique_ptr<Trial> tryCell(const InsideField& field, const Bounds& box, doub
                                const std::vector<Vec3>& bridges = {}) {
   auto trial = std::make_unique<Trial>(latticeOver(box, cell, shift), subdivision);
   trial->shift = shift;
-  trial->pieces.emplace(trial->lattice, trial->cut, cutSolid(trial->lattice, trial->cut, field, options.virtual_nodes, bridges),
+  trial->pieces.emplace(trial->lattice, trial->cut,
+                        cutSolid(trial->lattice, trial->cut, field, options.virtual_nodes, bridges),
                         options.smallest_fill, options.virtual_nodes);
   return trial;
 }
@@ -418,6 +419,26 @@ void requireCell(double cell, const Bounds& box, const std::string& name) {
                        std::to_string(10 * box.diagonal()) + " m for this surface");
 }
 
+void bridgeSeams(std::unique_ptr<Trial>& trial, const InsideField& field, const Surface& surface, const Bounds& box,
+                 const EmbedOptions& options, EmbedReport& r) {
+  const double cell = trial->lattice.cellSize(), sample = cell / trial->cut.side();
+  std::vector<Vec3> bridges;
+  r.bridges = 0;
+  for (int round = 0; round < kSeamRounds; ++round) {
+    const Seams seams = findSeams(surface, trial->lattice, trial->cut, *trial->pieces, 0.4 * sample);
+    r.seams = seams.count;
+    if (seams.count == 0 || round + 1 == kSeamRounds) break;
+    r.bridges += seams.count;
+    // thicker each time: samples that only touch at an edge do not hang together
+    for (const Vec3& x : seams.bridges) {
+      bridges.push_back(x);
+      for (int d = 0; d < 6; ++d)
+        bridges.push_back(x + (d < 3 ? 0.3 : -0.3) * (round + 1) * sample * Vec3::Unit(d % 3));
+    }
+    trial = tryCell(field, box, cell, trial->cut.side(), options, trial->shift, bridges);
+  }
+}
+
 /// Limbs thinner than the samples fall apart: samples more finely, then makes solid what the surface says is whole.
 void closeSeams(std::unique_ptr<Trial>& trial, const InsideField& field, const Surface& surface, const Bounds& box,
                 const EmbedOptions& options, EmbedReport& r) {
@@ -426,15 +447,11 @@ void closeSeams(std::unique_ptr<Trial>& trial, const InsideField& field, const S
     if (trial->pieces->components() <= r.solid_components || trial->cut.side() >= finer) continue;
     trial = tryCell(field, box, cell, finer, options, trial->shift);
   }
-  std::vector<Vec3> bridges;
-  for (int round = 0; round < kSeamRounds; ++round) {
-    const double spacing = 0.3 * cell / trial->cut.side() / (round + 1);
-    const Seams seams = findSeams(surface, trial->lattice, trial->cut, *trial->pieces, spacing);
-    r.seams = seams.count;
-    if (seams.count == 0 || round + 1 == kSeamRounds) break;
-    r.bridges += seams.count;
-    bridges.insert(bridges.end(), seams.bridges.begin(), seams.bridges.end());
-    trial = tryCell(field, box, cell, trial->cut.side(), options, trial->shift, bridges);
+  for (const bool again : {false, true}) {
+    bridgeSeams(trial, field, surface, box, options, r);
+    if (again || trial->pieces->components() <= r.solid_components) break;
+    // a sheet along the lattice's own planes: askew, another lattice meets it better
+    trial = tryCell(field, box, cell, trial->cut.side(), options, trial->shift + Vec3(0.25, 0.37, 0.31));
   }
 }
 
@@ -480,7 +497,8 @@ SimulationMesh embedSurface(const Surface& input, const EmbedOptions& options, E
   if (pieces > r.solid_components)
     throw InputError(options.name, "",
                      "falls apart into " + std::to_string(pieces) + " pieces as a mesh of " +
-                         std::to_string(trial->pieces->count()) + " tetrahedra, as parts of it are too thin: ask for more");
+                         std::to_string(trial->pieces->count()) +
+                         " tetrahedra, as parts of it are too thin: ask for more");
 
   r.overlap_share = overlapShare(*trial, field);
   if (r.overlap_share < kOverlap) r.overlap_share = 0;

@@ -14,7 +14,11 @@ class SeamFinder {
  public:
   SeamFinder(const Surface& surface, const BccLattice& lattice, const TetrahedronSubdivision& cut, PieceMesh& pieces,
              double spacing)
-      : surface_(surface), cell_(lattice.cellSize()), locator_(lattice, cut, pieces), pieces_(pieces), spacing_(spacing) {}
+      : surface_(surface),
+        cell_(lattice.cellSize()),
+        locator_(lattice, cut, pieces),
+        pieces_(pieces),
+        spacing_(spacing) {}
 
   Seams run() {
     const std::vector<Vec3> normals = vertexNormals(surface_);

@@ -144,7 +144,8 @@ FreeBodyConfig readFreeBody(const Value& value, std::size_t index) {
   body.name = fmt::format("body-{}", index + 1);
   std::vector<Field> fields{booleanField("rigid", body.rigid), freeShapeField(body)};  // the others depend on these
   for (const Field& field : softFields(body)) fields.push_back(onlyFor(body, false, field, soft_only));
-  fields.push_back(onlyFor(body, false, startField(body.settled), "is for soft bodies; a rigid body starts as it is placed"));
+  fields.push_back(
+      onlyFor(body, false, startField(body.settled), "is for soft bodies; a rigid body starts as it is placed"));
   fields.push_back(onlyFor(body, true, numberField("density", body.material.density, kDensity),
                            "is for rigid bodies; the density of a soft one is in its material"));
   fields.push_back(poseField("pose", body.pose));

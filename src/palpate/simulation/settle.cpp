@@ -18,7 +18,7 @@ constexpr int kMaxSteps = 1500;
 constexpr double kTolerance = 1e-12;  // displacement of a step, relative to the bodies' mean edge
 // in contact the solver's tolerance, times so long a step, is a floor that displacements do not fall below
 constexpr double kContactFloor = 1e-6;
-constexpr int kPatience = 5;  // steps without a smaller displacement
+constexpr int kPatience = 5;                                                    // steps without a smaller displacement
 constexpr double kFirstStep = 0.02, kShortestStep = 1e-5, kLongestStep = 20.0;  // [s]
 // nobody holds a free body: its rigid motions meet only its mass, which a long step makes small beside h^2 K
 constexpr double kLongestFreeStep = 0.05;  // [s]
@@ -32,7 +32,8 @@ class StepLength {
   bool shortest() const { return h_ <= kShortestStep; }
   void shorten() { h_ = std::max(0.25 * h_, kShortestStep); }
 
-  /// Takes the displacement of a step of this length, relative to the mean edge. @returns whether the bodies stand still
+  /// Takes the displacement of a step of this length, relative to the mean edge. @returns whether the bodies stand
+  /// still
   bool settled(double displacement) {
     stale_ = displacement < best_ ? 0 : stale_ + 1;
     best_ = std::min(best_, displacement);
@@ -54,7 +55,10 @@ class StepLength {
   bool first_ = true;
 };
 
-std::string vectorText(const Vec3& v) { return fmt::format("({:.2g}, {:.2g}, {:.2g})", v.x(), v.y(), v.z()); }
+std::string vectorText(const Vec3& v) {
+  const auto round = [](double x) { return std::abs(x) < 1e-6 ? 0.0 : x; };
+  return fmt::format("({:.2g}, {:.2g}, {:.2g})", round(v.x()), round(v.y()), round(v.z()));
+}
 
 /// The rigid motion nearest to a body's last one, and how much of that it is.
 struct RigidPart {
@@ -117,8 +121,9 @@ std::string World::unrest(int i, const VecX& before) const {
   const BodyModel& model = *models_[i];
   const VecX& x = state_.bodies[i].positions;
   const Bounds box = boundsOf(model.mesh().surface.vertices);
-  std::string text = fmt::format("{}, {:.3g} x {:.3g} x {:.3g} m, {:.3g} kg, ", model.name(), box.high.x() - box.low.x(),
-                                 box.high.y() - box.low.y(), box.high.z() - box.low.z(), model.totalMass());
+  std::string text =
+      fmt::format("{}, {:.3g} x {:.3g} x {:.3g} m, {:.3g} kg, ", model.name(), box.high.x() - box.low.x(),
+                  box.high.y() - box.low.y(), box.high.z() - box.low.z(), model.totalMass());
   const RigidPart rigid = rigidPart(x, x - before);
   if (rigid.share > 0.9) {
     const Vec3 along = rigid.twist.head<3>(), about = rigid.twist.tail<3>();
@@ -135,7 +140,7 @@ std::string World::unrest(int i, const VecX& before) const {
 
 // Backward Euler with growing steps from rest is a damped Newton iteration on the static problem: its matrix has the
 // energy's whole curvature but for what is negative. A step that makes energy is taken back and shortened.
-double World::settle(const std::vector<int>& moving, const Pose& device, const SettleProgress& progress) {
+double World::settle(const std::vector<int>& moving, Pose device, const SettleProgress& progress) {
   double longest = kLongestStep, edge = std::numeric_limits<double>::infinity();
   for (const int i : moving) {
     if (!models_[i]->held()) longest = kLongestFreeStep;
@@ -148,7 +153,8 @@ double World::settle(const std::vector<int>& moving, const Pose& device, const S
   for (int n = 0; n < kMaxSteps && !settled; ++n) {
     before = state_;
     for (const int i : moving) state_.bodies[i].clearVelocities();
-    const StepReport report = stepBodies(moving, {h.value(), gravity, link, {device, Vec6::Zero()}, true}, Advance::yes);
+    const StepReport report =
+        stepBodies(moving, {h.value(), gravity, link, {device, Vec6::Zero()}, true}, Advance::yes);
     speed = largestSpeed(moving);
     displacement = speed * h.value() / edge;
     const double after = potentialEnergy(moving, device);

@@ -74,7 +74,7 @@ class World {
   /// Brings bodies (with the device held still) to static equilibrium together; all others stand still meanwhile.
   /// @returns the largest speed [m/s] of the last settling step
   /// @throws RunError if they do not settle: which motion is free, or where they move, with their extents and mass
-  double settle(const std::vector<int>& moving, const Pose& device, const SettleProgress& progress = {});
+  double settle(const std::vector<int>& moving, Pose device, const SettleProgress& progress = {});
 
   /// Contacts of the last step, of all bodies that moved.
   const ContactSet& contacts() const { return stage_.result(); }

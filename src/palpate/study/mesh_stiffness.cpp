@@ -11,8 +11,8 @@ namespace palpate {
 namespace {
 
 constexpr double kYoungsModulus = 1e3, kPoissonsRatio = 0.4;
-constexpr double kEnds = 0.1;            // of the longest side
-constexpr double kHolding = 1e3;         // times Young's modulus by that side: springs of the held end
+constexpr double kEnds = 0.1;     // of the longest side
+constexpr double kHolding = 1e3;  // times Young's modulus by that side: springs of the held end
 
 VecX flat(const std::vector<Vec3>& points) {
   VecX x(static_cast<Eigen::Index>(3 * points.size()));

@@ -15,8 +15,8 @@ struct MeshStiffness {
 
 /// Linear elasticity at rest, Young's modulus 1 kPa, Poisson's ratio 0.4. Held and pulled are the surface's parts in
 /// the outer tenths along its longest side, held by springs 1,000 times as stiff as the solid and pulled by uniform
-/// traction, both through the embedding, so that meshes of any size have the same task. Coarse linear tetrahedra are too
-/// stiff, above all in bending: compare counts.
+/// traction, both through the embedding, so that meshes of any size have the same task. Coarse linear tetrahedra are
+/// too stiff, above all in bending: compare counts.
 /// @throws InputError as embedSurface() does
 MeshStiffness meshStiffness(const Surface& surface, const EmbedOptions& options);
 
