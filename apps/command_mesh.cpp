@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <charconv>
 #include <cmath>
 #include <memory>
 
@@ -78,7 +79,8 @@ std::string formatReport(const EmbedSummary& s) {
          "{:.0f} % of the surface has less than a cell under it and is too stiff; --tets {} carries it",
          100 * r.thin_share, r.suggested_tetrahedra);
   }
-  line(out, "softest node", "{:.3f} of the median's stiffness (least fill {:.3f})", r.softest_node, r.smallest_fill);
+  line(out, "worst element", "its node has {:.3f} of the median node's stiffness; least fill {:.3f}", r.softest_node,
+       r.smallest_fill);
   line(out, "vertices outside", "{} of {}, smallest weight {:.3f}", r.vertices_outside, s.surface_vertices,
        r.smallest_weight);
   line(out, "time", "{:.2f} s", r.seconds);
@@ -189,15 +191,25 @@ std::string formatReport(const MakeSummary& s) {
 
 namespace {
 
+// 0: to be chosen
+int countOf(const std::string& text) {
+  if (text == "auto") return 0;
+  int count = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), count);
+  if (error != std::errc() || end != text.data() + text.size() || count < 1 || count > 200'000)
+    throw InputError("--tets", "", "must be from 1 to 200000, or auto, not '" + text + "'");
+  return count;
+}
+
 void addEmbed(CLI::App& group) {
   const auto options = std::make_shared<EmbedCommand>();
   CLI::App* command = group.add_subcommand("embed", "Make the simulation mesh of a surface, and say how good it is");
   command->add_option("surface", options->surface, "Triangle surface: OBJ, STL, PLY or OFF")
       ->required()
       ->type_name("SURFACE");
-  command->add_option("--tets", options->tetrahedra, "Wanted number of tetrahedra; auto: by the thinnest parts")
+  const auto take = [options](const std::string& text) { options->tetrahedra = countOf(text); };
+  command->add_option_function<std::string>("--tets", take, "Wanted number of tetrahedra; auto: by the thinnest parts")
       ->type_name("N|auto")
-      ->transform([](const std::string& text) { return text == "auto" ? std::string("0") : text; }, "")
       ->default_str("300");
   command->add_option("--size", options->size, "Longest side of the bounding box, m; default: lengths as in the file")
       ->type_name("S");

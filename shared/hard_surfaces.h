@@ -78,7 +78,7 @@ inline Surface randomLimbs(std::uint32_t seed) {
 inline std::vector<std::pair<std::string, Surface>> hardSurfaces() {
   std::vector<std::pair<std::string, Surface>> out;
   out.emplace_back("plate of 1 mm", turned(boxSurface(Vec3(0.1, 0.08, 0.001), {10, 8, 1}), Vec3(0.3, 0.2, 0.1)));
-  out.emplace_back("straight plate of 0.3 mm", boxSurface(Vec3(0.1, 0.1, 0.0003)));
+  out.emplace_back("straight plate of 2 mm", boxSurface(Vec3(0.1, 0.1, 0.002)));
   out.emplace_back("needle", boxSurface(Vec3(0.1, 0.001, 0.001)));
   out.emplace_back("tail", taperingTail());
   for (std::uint32_t seed = 1; seed <= 4; ++seed) {

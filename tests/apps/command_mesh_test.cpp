@@ -33,7 +33,7 @@ TEST(MeshCommand, MakeInfoAndEmbedOneAfterTheOther) {
   EXPECT_EQ(runMeshMake({"bar", scratch("bar2.vtk"), 0, {4, 3, 4}}).tetrahedra, 288);
   EXPECT_THROW(runMeshMake({"teapot", scratch("teapot.obj"), 0, {1, 1, 1}}), InputError);
   EXPECT_THROW(runMeshEmbed({ball, 100, 0, "mesh.txt"}), InputError);
-  EXPECT_THROW(runMeshEmbed({ball, 0, 0, ""}), InputError);
+  EXPECT_THROW(runMeshEmbed({ball, -1, 0, ""}), InputError);
 }
 
 }  // namespace

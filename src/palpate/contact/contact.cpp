@@ -140,7 +140,8 @@ bool ContactReduction::takeNode(const Contact& contact, const std::vector<char>&
 }
 
 // Takes proposals, kept ones first and then the deepest, unless one of the same pair of surfaces that is taken already
-// lies nearer than `spacing` and faces the same way, or no node is left for it.
+// lies nearer than `spacing` and faces the same way, or no node is left for it; those that were kept are all taken, or
+// what rests on them would sink and be lifted in turn.
 void ContactReduction::takeSpaced(const std::vector<Contact>& all, double spacing, const std::vector<char>& soft) {
   std::sort(proposals_.begin(), proposals_.end(), [&](int a, int b) {
     if (kept_[a] != kept_[b]) return kept_[a] > kept_[b];
@@ -160,7 +161,7 @@ void ContactReduction::takeSpaced(const std::vector<Contact>& all, double spacin
       const Contact& o = all[j];
       crowded = o.normal.dot(c.normal) > kSameFacing && (c.position - o.position).squaredNorm() < spacing * spacing;
     }
-    if (crowded || !takeNode(c, soft)) continue;
+    if (crowded || (!takeNode(c, soft) && !kept_[i])) continue;
     taken_[i] = 1;
     earlier_[i] = latest;
     latest = i;

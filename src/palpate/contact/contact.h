@@ -97,9 +97,10 @@ std::uint64_t contactKey(std::uint64_t a, std::uint64_t b, std::uint64_t c = 0, 
 /// Chooses from all candidates a small, well-spread set. A patch moves affinely, so against a plane a few extreme
 /// points of it bound all others; patches overlap in the nodes they share, so points of one pair of surfaces that are
 /// nearer to each other than `spacing` and face the same way are thinned, deepest first. Each contact needs a node of a
-/// soft body for itself, of some weight in it, that no other contact of like facing has: so there are no more contacts
-/// than nodes near, and W stays far from singular. Those in `kept` (sorted tracks: contacts that carried force in the
-/// last step) come before all others. What the choice misses is found by the check at the end of the step and added.
+/// soft body for itself, of some weight in it, that no other contact of like facing has: so there are hardly more
+/// contacts than nodes near, and W stays far from singular. Those in `kept` (sorted tracks: contacts that carried force
+/// in the last step) come before all others. What the choice misses is found by the check at the end of the step and
+/// added.
 /// @param soft  which bodies are
 /// @returns indices into candidates, in order of choice
 class ContactReduction {

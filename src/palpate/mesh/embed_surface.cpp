@@ -21,7 +21,7 @@ namespace {
 constexpr double kLargestLattice = 4e6;  // cells
 constexpr int kLargestTarget = 200'000;
 constexpr int kMostTrials = 14;
-constexpr int kSeamRounds = 5;
+constexpr int kSeamRounds = 8;
 constexpr double kThinShare = 0.05;  // of the surface: what is thinner than this does not matter
 constexpr double kOverlap = 2e-3;    // of the volume: less is within the error of sampling
 constexpr int kLeastChosen = 300, kMostChosen = 20'000;
@@ -433,7 +433,8 @@ void bridgeSeams(std::unique_ptr<Trial>& trial, const InsideField& field, const 
     for (const Vec3& x : seams.bridges) {
       bridges.push_back(x);
       for (int d = 0; d < 6; ++d)
-        bridges.push_back(x + (d < 3 ? 0.3 : -0.3) * (round + 1) * sample * Vec3::Unit(d % 3));
+        for (int k = 1; k <= round + 1; ++k)
+          bridges.push_back(x + (d < 3 ? 0.25 : -0.25) * k * sample * Vec3::Unit(d % 3));
     }
     trial = tryCell(field, box, cell, trial->cut.side(), options, trial->shift, bridges);
   }

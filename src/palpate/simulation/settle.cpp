@@ -16,9 +16,14 @@ namespace {
 
 constexpr int kMaxSteps = 1500;
 constexpr double kTolerance = 1e-12;  // displacement of a step, relative to the bodies' mean edge
+// in contact: another choice among contacts that say the same would begin a small motion anew
+constexpr double kContactTolerance = 1e-8;
 // in contact the solver's tolerance, times so long a step, is a floor that displacements do not fall below
 constexpr double kContactFloor = 1e-6;
-constexpr int kPatience = 5;                                                    // steps without a smaller displacement
+constexpr int kPatience = 5;  // steps without a smaller displacement
+// choices among redundant contacts may go in a circle: that little, for that long, is rest
+constexpr double kChatter = 1e-3;
+constexpr int kChatterPatience = 60;
 constexpr double kFirstStep = 0.02, kShortestStep = 1e-5, kLongestStep = 20.0;  // [s]
 // nobody holds a free body: its rigid motions meet only its mass, which a long step makes small beside h^2 K
 constexpr double kLongestFreeStep = 0.05;  // [s]
@@ -34,11 +39,13 @@ class StepLength {
 
   /// Takes the displacement of a step of this length, relative to the mean edge. @returns whether the bodies stand
   /// still
-  bool settled(double displacement) {
+  bool settled(double displacement, bool in_contact) {
     stale_ = displacement < best_ ? 0 : stale_ + 1;
     best_ = std::min(best_, displacement);
     const bool floor_reached = displacement < kContactFloor && stale_ >= kPatience;
-    if (h_ >= longest_ && (displacement < kTolerance || floor_reached)) return true;
+    const double tolerance = in_contact ? kContactTolerance : kTolerance;
+    if (h_ >= longest_ && (displacement < tolerance || floor_reached)) return true;
+    if (in_contact && stale_ > kChatterPatience && displacement < kChatter) return true;
     // a jump of the displacement says that the step was too long for the nonlinearity
     const bool jumped = !first_ && displacement > 4.0 * previous_ && displacement > 1e-3;
     const double growth = displacement > 0.3 ? 1.2 : displacement > 0.03 ? 1.6 : 3.0;
@@ -167,7 +174,7 @@ double World::settle(const std::vector<int>& moving, Pose device, const SettlePr
     }
     if (report.failed()) break;
     energy = after;
-    settled = h.settled(displacement);
+    settled = h.settled(displacement, report.active > 0);
     if (progress) progress(n, displacement * edge);
   }
   if (!settled && !(displacement <= kContactFloor)) {
