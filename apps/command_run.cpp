@@ -62,6 +62,7 @@ void run(const RunOptions& options) {
   }
   if (!options.compare.empty()) methodFor("--compare", options.compare, config);
   BuiltScene scene = buildScene(config);
+  for (const std::string& note : scene.notes) fmt::print(stderr, "note: {}\n", note);
   RunFiles files(options.out.empty() ? "out/" + config.name : options.out, config);
   RunSink sink = files.sink();
   MotionRecording motion;

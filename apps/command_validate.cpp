@@ -29,6 +29,7 @@ void validate(const SceneOptions& options) {
   const BuiltScene first = buildScene(config);
   printScene(config, first);
   printHandle(first);
+  for (const std::string& note : first.notes) fmt::print("note: {}\n", note);
   if (options.overrides.handle) return;
   for (const HandleConfig& handle : config.tool.handles) {
     if (handle.name == chosen) continue;

@@ -187,6 +187,7 @@ TEST(SceneReader, ReadsBodies) {
   expectClose(cushion.angular_velocity, {kPi, 0, 0});
   EXPECT_EQ(cushion.friction, 0.2);
   EXPECT_TRUE(cushion.settled);
+  EXPECT_TRUE(scene.tool.settled);
   const auto& surface = std::get<SurfaceShapeConfig>(scene.bodies[1].shape);
   EXPECT_EQ(scene.bodies[1].name, "body-2");
   EXPECT_EQ(scene.bodies[1].tetrahedra, 100);

@@ -219,6 +219,22 @@ void setFrictionPairs(const SceneConfig& config, World& world) {
   for (const FrictionPairConfig& p : config.contact.pairs) world.setFriction(find(p.first), find(p.second), p.value);
 }
 
+// What an embedded mesh is too coarse for.
+void noteMesh(const BodyConfig& body, const EmbedReport& report, std::vector<std::string>& notes) {
+  constexpr double kMuch = 0.3;  // of the surface
+  if (report.thin_share > kMuch) {
+    notes.push_back(
+        fmt::format("{}: {:.0f} % of its surface has less than a cell of {:.2g} m under it, and is too stiff; about {} "
+                    "tetrahedra would "
+                    "carry it (palpate mesh stiffness says how much)",
+                    body.name, 100 * report.thin_share, report.cell_size, report.suggested_tetrahedra));
+  }
+  if (report.seams > 0) {
+    notes.push_back(fmt::format("{}: its surface may open at {} places that are too thin for {} tetrahedra", body.name,
+                                report.seams, report.tetrahedra));
+  }
+}
+
 // Says on stderr once a second how far it is.
 World::SettleProgress tellEachSecond(const std::string& what) {
   using Clock = std::chrono::steady_clock;
@@ -258,9 +274,9 @@ BuiltScene buildChecked(const SceneConfig& config) {
     SimulationMesh mesh = rest;
     place(mesh, b.pose);
     count(out, mesh);
+    noteMesh(b, report, out.notes);
     BodyModel body(b.name, std::move(mesh), b.material, frictionOf(b, config), velocity, elementMaterials(b, rest));
     if (tool) {
-      if (report.tetrahedra > 0) out.embedding = report;
       body.hold(buildHandle(config.tool, rest, body));
     }
     return world.add(std::move(body), b.self_contact);

@@ -1,7 +1,8 @@
 #pragma once
 
 #include <memory>
-#include <optional>
+#include <string>
+#include <vector>
 
 #include "palpate/devices/device.h"
 #include "palpate/devices/mouse_device.h"
@@ -21,7 +22,7 @@ struct BuiltScene {
   std::unique_ptr<Device> device;
   Pose start;                                            ///< first pose of the device
   int tetrahedra = 0, nodes = 0, surface_triangles = 0;  ///< of all bodies
-  std::optional<EmbedReport> embedding;                  ///< of the tool, where it is an embedded surface
+  std::vector<std::string> notes;                        ///< on meshes that are not what the user may expect
 };
 
 /// Makes bodies, obstacles, device and haptic settings of a scene (its files resolved).
