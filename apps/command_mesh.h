@@ -15,8 +15,8 @@ namespace palpate {
 struct EmbedCommand {
   std::string surface;
   int tetrahedra = 300;  ///< 0: as many as the thinnest parts that matter need
-  double size = 0;  ///< [m] longest side of the bounding box; 0 keeps the file's lengths
-  std::string out;  ///< .vtk; empty for none
+  double size = 0;       ///< [m] longest side of the bounding box; 0 keeps the file's lengths
+  std::string out;       ///< .vtk; empty for none
 };
 struct EmbedSummary {
   std::string surface;
