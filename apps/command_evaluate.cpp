@@ -64,6 +64,7 @@ void addEvaluateCommand(CLI::App& app) {
       ->type_name("N");
   command->add_flag("--reference-check", options->study.reference_check, "Run the reference at half its step too");
   command->add_option("--out", options->out, "Folder for summary.json and report.html")
+      ->check(kNotEmpty)
       ->type_name("DIR")
       ->capture_default_str();
   command->callback([options] { evaluate(*options); });

@@ -213,7 +213,7 @@ void addEmbed(CLI::App& group) {
       ->default_str("300");
   command->add_option("--size", options->size, "Longest side of the bounding box, m; default: lengths as in the file")
       ->type_name("S");
-  command->add_option("--out", options->out, "Write the simulation mesh (.vtk)")->type_name("FILE");
+  command->add_option("--out", options->out, "Write the simulation mesh (.vtk)")->check(kNotEmpty)->type_name("FILE");
   command->callback([options] { fmt::print("{}", formatReport(runMeshEmbed(*options))); });
 }
 

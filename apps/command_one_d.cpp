@@ -32,6 +32,7 @@ void addOneDCommand(CLI::App& app) {
   command->add_option("--config", options->config, "YAML file, see docs/one-d.md; default: the paper's experiment")
       ->type_name("FILE");
   command->add_option("--out", options->out, "Folder for one_d.csv, summary.json and report.html")
+      ->check(kNotEmpty)
       ->type_name("DIR")
       ->capture_default_str();
   command->callback([options] { runOneD(*options); });

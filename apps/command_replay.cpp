@@ -21,6 +21,10 @@ struct ReplayOptions {
 
 // The page checks the rest, and says what is wrong with it.
 void requireRecording(const std::filesystem::path& file) {
+  std::error_code ignored;
+  if (std::filesystem::exists(file, ignored) && !std::filesystem::is_regular_file(file, ignored)) {
+    throw InputError(file.string(), "", "is not a regular file");  // a pipe would be waited for
+  }
   std::ifstream in(file, std::ios::binary);
   if (!in) throw InputError(file.string(), "", "is missing: palpate run and recordings of palpate view write it");
   std::array<char, protocol::kRecordingMagic.size()> head{};

@@ -110,7 +110,9 @@ void addRunCommand(CLI::App& app) {
       ->add_option("--pictures", options->pictures, "Pictures of the run in lockstep, evenly spaced in time; 0: none")
       ->check(CLI::Range(0, kMostPictures))
       ->capture_default_str();
-  command->add_option("--out", options->out, "Folder for the files; default out/NAME of the scene")->type_name("DIR");
+  command->add_option("--out", options->out, "Folder for the files; default out/NAME of the scene")
+      ->check(kNotEmpty)
+      ->type_name("DIR");
   command->callback([options] { run(*options); });
 }
 

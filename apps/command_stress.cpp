@@ -75,7 +75,9 @@ void addStressCommand(CLI::App& app) {
   command->add_option("--steps", options->steps, "Visual steps; default 1000")
       ->type_name("N")
       ->check(CLI::Range(1, 10000000));
-  command->add_option("--out", options->out, "Folder for summary.json; default out/stress-NAME")->type_name("DIR");
+  command->add_option("--out", options->out, "Folder for summary.json; default out/stress-NAME")
+      ->check(kNotEmpty)
+      ->type_name("DIR");
   command->callback([options] { stress(*options); });
 }
 

@@ -4,6 +4,10 @@
 
 namespace palpate {
 
+/// Of an option: a name must have letters.
+inline const CLI::Validator kNotEmpty([](const std::string& text) { return text.empty() ? "must not be empty" : ""; },
+                                      "");
+
 // Each adds one subcommand to the program. Its callback does the job; it throws InputError (exit code 2) for bad input
 // and RunError (exit code 1) for a failed run.
 

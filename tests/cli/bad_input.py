@@ -202,6 +202,26 @@ rejected_variants("bad-option", {
 
 
 @case
+def bad_option_out_empty(context):
+    context.rejects(["run", context.file("scene.yaml", SCENE), "--out", ""], ["--out"])
+
+
+@case
+def bad_scene_without_equilibrium(context):
+    """A body that starts settled and falls for as long as anybody would wait: which motion is free."""
+    text = SCENE.replace("obstacles:\n", """\
+bodies:
+  - name: cushion
+    shape: {bar: {size: [0.05, 0.05, 0.05], cells: [1, 1, 1]}}
+    pose: {position: [10, 0, 90]}
+    start: settled
+obstacles:
+""", 1)
+    expect("cushion" in text, "the scene has no obstacles to put a body before")
+    context.rejects(["validate", context.file("scene.yaml", text)], ["scene.yaml", "cushion", "moves freely along (0, 0, -1)"])
+
+
+@case
 def bad_option_out_not_writable(context):
     locked = context.folder / "locked"
     locked.mkdir(mode=0o500)
@@ -234,6 +254,7 @@ rejected_variants("bad-mesh", {
                             ["--tets"]),
     "tets-negative": lambda c: (["mesh", "embed", c.file("t.obj", TETRAHEDRON), "--tets", "-5", "--out",
                                  c.out / "t.vtk"], ["--tets"]),
+    "tets-a-word": lambda c: (["mesh", "embed", c.file("t.obj", TETRAHEDRON), "--tets", "many"], ["--tets", "auto"]),
 })
 
 

@@ -1,6 +1,7 @@
 """Every subcommand once: exit code, files, keys, columns (design: what others may rely on)."""
 
 import math
+import os
 import pathlib
 import re
 import signal
@@ -460,5 +461,9 @@ def replay_serves_a_recorded_run(context):
 @case
 def replay_needs_a_recording(context):
     context.rejects(["replay", context.folder], ["recording.palpate"])
+    pipe = context.folder / "recording.palpate"
+    os.mkfifo(pipe)  # nobody writes into it
+    context.rejects(["replay", context.folder], ["recording.palpate"])
+    pipe.unlink()
     context.file("recording.palpate", "something else")
     context.rejects(["replay", context.folder], ["recording.palpate"])

@@ -348,6 +348,7 @@ const BadChange kBadTypes[] = {
     {"name: everything", "name: [a]", "name (", "is a list; it must be a name"},
     {"name: everything", "name: a/b", "name (", "\"a/b\" is not a name"},
     {"name: everything", "name: \"\"", "name (", "is not a name"},
+    {"name: everything", "name: ..", "name (", "is not a name"},
     {"description: all keys", "description: \"a\\0b\"", "description (", "zero byte"},
     {"visual: {step: 0.02, substeps: 3}", "visual: 0.02", "visual (", "must be a map with keys such as step"},
     {"visual: {step: 0.02, substeps: 3}", "visual: {}", "visual (", "the key \"step\" is missing"},

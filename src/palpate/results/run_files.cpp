@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <initializer_list>
 #include <nlohmann/json.hpp>
 
 #include "palpate/devices/motion_recording.h"
@@ -92,6 +93,16 @@ Plot vectorPlot(const std::string& title, const std::string& label, const std::v
     plot.series.push_back(std::move(s));
   }
   return plot;
+}
+
+// Three digits, never an exponent: what is below a thousandth counts as nothing.
+std::string plain(std::initializer_list<double> values) {
+  std::string out;
+  for (const double v : values) {
+    if (!out.empty()) out += ", ";
+    out += std::abs(v) < 5e-4 ? "0" : std::abs(v) < 999.5 ? fmt::format("{:.3g}", v) : fmt::format("{:.0f}", v);
+  }
+  return out;
 }
 
 }  // namespace
@@ -367,23 +378,18 @@ void RunFiles::finish(const BuiltScene& scene, const RunOutcome& outcome, const 
   };
   add("tetrahedra, surface triangles", fmt::format("{}, {}", scene.tetrahedra, scene.surface_triangles), "");
   add("visual step: median, 95 %, longest",
-      fmt::format("{:.3g}, {:.3g}, {:.3g}", percentile(i.step_ms, 0.5), percentile(i.step_ms, 0.95),
-                  i.maxOf(i.step_ms)),
-      "ms");
-  add("  of it linearization, median", fmt::format("{:.3g}", percentile(i.linearization_ms, 0.5)), "ms");
-  add("haptic tick: median, 99 %, longest",
-      fmt::format("{:.3g}, {:.3g}, {:.3g}", outcome.tick_us[0], outcome.tick_us[1], outcome.tick_us[2]), "us");
+      plain({percentile(i.step_ms, 0.5), percentile(i.step_ms, 0.95), i.maxOf(i.step_ms)}), "ms");
+  add("  of it linearization, median", plain({percentile(i.linearization_ms, 0.5)}), "ms");
+  add("haptic tick: median, 99 %, longest", plain({outcome.tick_us[0], outcome.tick_us[1], outcome.tick_us[2]}), "us");
   if (outcome.realtime) {
-    add("wake-up latency: median, 99 %, longest",
-        fmt::format("{:.3g}, {:.3g}, {:.3g}", outcome.wake_us[0], outcome.wake_us[1], outcome.wake_us[2]), "us");
+    add("wake-up latency: median, 99 %, longest", plain({outcome.wake_us[0], outcome.wake_us[1], outcome.wake_us[2]}),
+        "us");
     add("haptic ticks missed", fmt::format("{} of {}", outcome.missed, outcome.ticks + outcome.missed), "");
   }
   add("contacts carrying force, most", fmt::format("{:.0f}", i.maxOf(i.active)), "");
-  add("deepest penetration", fmt::format("{:.3g}", i.maxOf(i.penetration_mm)), "mm");
+  add("deepest penetration", plain({i.maxOf(i.penetration_mm)}), "mm");
   add("force on the hand: peak, RMS",
-      fmt::format("{:.3g}, {:.3g}", i.peak_force,
-                  std::sqrt(i.force_squares / static_cast<double>(std::max<std::int64_t>(1, i.ticks)))),
-      "N");
+      plain({i.peak_force, std::sqrt(i.force_squares / static_cast<double>(std::max<std::int64_t>(1, i.ticks)))}), "N");
   for (std::size_t k = 0; k < pictures.images.size(); ++k) {
     i.writePng(fmt::format("picture-{}.png", k + 1), pictures.images[k].png);
   }

@@ -1,5 +1,7 @@
 #include "palpate/rigid/handle.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
 
@@ -62,6 +64,16 @@ Handle makeHandle(const std::string& name, const std::vector<int>& nodes, const 
 
 Handle handleOnNodes(const std::string& name, const std::vector<int>& nodes, const std::vector<Vec3>& positions,
                      const VecX& masses, double own_mass, const Vec3& own_inertia, const Quat& rotation) {
+  if (nodes.empty() && !positions.empty()) {
+    Vec3 low = positions.front(), high = low;
+    for (const Vec3& p : positions) {
+      low = low.cwiseMin(p);
+      high = high.cwiseMax(p);
+    }
+    const auto text = [](const Vec3& v) { return fmt::format("({:.3g}, {:.3g}, {:.3g})", v.x(), v.y(), v.z()); };
+    throw InputError("handle " + name, "region",
+                     "holds no node of the simulation mesh, which lies from " + text(low) + " to " + text(high) + " m");
+  }
   std::vector<Vec3> attached_positions;
   std::vector<double> attached_masses;
   for (const int i : nodes) {

@@ -316,6 +316,8 @@ BuiltScene buildScene(const SceneConfig& config) {
     return buildChecked(config);
   } catch (const InputError& e) {
     throw InputError(config.file.string(), "", e.what());
+  } catch (const RunError& e) {  // what settles nowhere is the scene's fault
+    throw InputError(config.file.string(), "", e.what());
   }
 }
 

@@ -114,7 +114,9 @@ void Value::checkName(const std::string& text) const {
     return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '-' || c == '_' ||
            c == '.';
   };
-  if (text.empty() || text.size() > 64 || !std::all_of(text.begin(), text.end(), allowed))
+  // files and folders are named after it
+  const bool folder = text.find_first_not_of('.') == std::string::npos;
+  if (text.size() > 64 || folder || !std::all_of(text.begin(), text.end(), allowed))
     fail(fmt::format("{} is not a name; use at most 64 letters, digits, '-', '_' and '.'", shownText(text)));
 }
 
