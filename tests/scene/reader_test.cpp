@@ -485,7 +485,7 @@ const BadChange kBadReferences[] = {
     {"start: settled", "start: asleep", "bodies[0].start (", "not one of rest, settled"},
     {"file: a.obj, size: 0.2", "size: 0.2", "bodies[1].shape.surface (", "the key \"file\" is missing"},
     {"file: a.obj", "file: \"\"", "bodies[1].shape.surface.file (", "a file name is needed"},
-    {"file: a.obj", "file: a.obj, package: ..", "bodies[1].shape.surface.package (", "not a package name"},
+    {"file: a.obj", "file: a.obj, package: ..", "bodies[1].shape.surface.package (", "is not a name"},
     {"file: a.obj", "file: ../a.obj, package: p", "bodies[1].shape.surface (", "has no .."},
     {"file: a.obj", "file: /a.obj, package: p", "bodies[1].shape.surface (", "relative to the package's data folder"},
     {"up: y", "up: down", "bodies[1].shape.surface.up (", "not one of x, y, z"},
