@@ -21,11 +21,11 @@ Points points(const std::vector<Vec3>& vertices) {
 }
 
 int allocationsOf(const std::function<void()>& run) {
-  allocations = 0;
-  counting = true;
+  test::allocations = 0;
+  test::counting = true;
   run();
-  counting = false;
-  return allocations;
+  test::counting = false;
+  return test::allocations;
 }
 
 void compare(int triangles, const char* name, const Vec3& motion) {

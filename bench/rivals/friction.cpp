@@ -16,10 +16,10 @@
 namespace palpate::rivals {
 namespace {
 
-using testing::CoupledScene;
-using testing::Coupling;
-using testing::OwnedProblem;
-using testing::SoftBar;
+using test::CoupledScene;
+using test::Coupling;
+using test::OwnedProblem;
+using test::SoftBar;
 
 constexpr double kTolerance = 1e-8;  // of our residual, relative to the largest velocity; of Siconos' own norm
 
