@@ -10,9 +10,9 @@
 Prints one line for each violation, and exits with 1 if there is one.
 """
 
-import pathlib
 import re
-import sys
+
+import reporting
 
 INCLUDE = re.compile(r'^\s*#\s*include\s*[<"]([^>"]+)[>"]', re.MULTILINE)
 FORBIDDEN_UP_TO_SIMULATION = re.compile(
@@ -125,13 +125,5 @@ def haptics_errors(root, rooms, includes):
     return errors
 
 
-def main():
-    root = pathlib.Path(sys.argv[1] if len(sys.argv) > 1 else pathlib.Path(__file__).parent.parent).resolve()
-    errors = check(root)
-    for error in errors:
-        print(error, file=sys.stderr)
-    sys.exit(1 if errors else 0)
-
-
 if __name__ == "__main__":
-    main()
+    reporting.run(check)

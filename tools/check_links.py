@@ -8,9 +8,9 @@
 Prints one line for each that leads nowhere, and exits with 1 if there is one.
 """
 
-import pathlib
 import re
-import sys
+
+import reporting
 
 LINK = re.compile(r"\[[^\]]*\]\(([^)\s]+)\)")
 FENCE = re.compile(r"^```.*?^```$|^    [^\n]*$", re.MULTILINE | re.DOTALL)
@@ -57,13 +57,5 @@ def check(root):
     return errors
 
 
-def main():
-    root = pathlib.Path(sys.argv[1] if len(sys.argv) > 1 else pathlib.Path(__file__).parent.parent).resolve()
-    errors = check(root)
-    for error in errors:
-        print(error, file=sys.stderr)
-    return 1 if errors else 0
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    reporting.run(check)

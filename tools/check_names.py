@@ -8,9 +8,9 @@
 Prints one line for each violation, and exits with 1 if there is one.
 """
 
-import pathlib
 import re
-import sys
+
+import reporting
 
 FOLDERS = ("src", "apps", "shared", "tests", "bench", "fuzz")
 CONSTANT = re.compile(
@@ -47,15 +47,10 @@ def check(root, files):
                 yield f"{place}:{line_of(text, match.start())}: includes {name}, which is not there"
 
 
-def main():
-    root = pathlib.Path(sys.argv[1] if len(sys.argv) > 1 else pathlib.Path(__file__).parent.parent).resolve()
+def check_sources(root):
     sources = [f for folder in FOLDERS for f in sorted((root / folder).rglob("*")) if f.suffix in (".h", ".cpp")]
-    files = {f: f.read_text() for f in sources if "third_party" not in f.parts}
-    errors = list(check(root, files))
-    for error in errors:
-        print(error, file=sys.stderr)
-    sys.exit(1 if errors else 0)
+    return check(root, {f: f.read_text() for f in sources if "third_party" not in f.parts})
 
 
 if __name__ == "__main__":
-    main()
+    reporting.run(check_sources)

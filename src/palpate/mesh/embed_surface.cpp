@@ -400,16 +400,17 @@ void fillReport(const SimulationMesh& mesh, const SurfaceMeasures& solid, EmbedR
   }
 }
 
-/// The thinnest parts, and the count that they ask for.
-void measureThickness(const Surface& surface, const InsideField& field, const SurfaceMeasures& solid, double least_cell,
-                      EmbedReport& r) {
-  const std::vector<double> thickness = solidThickness(surface, field);
-  r.thickness = thicknessAt(thickness, kThinShare);
-  const double wanted = expectedCount(solid, std::max(r.thickness, least_cell));
-  r.suggested_tetrahedra = static_cast<int>(std::clamp<double>(wanted, kLeastChosen, kLargestTarget));
-  const auto thin = std::lower_bound(thickness.begin(), thickness.end(), r.cell_size);
-  if (!thickness.empty())
-    r.thin_share = static_cast<double>(thin - thickness.begin()) / static_cast<double>(thickness.size());
+/// About how many tetrahedra have cells as small as the solid is thick.
+int countThatCarries(double thickness, const SurfaceMeasures& solid, const Bounds& box) {
+  const double wanted = expectedCount(solid, std::max(thickness, smallestCell(box)));
+  return static_cast<int>(std::clamp<double>(wanted, kLeastChosen, kLargestTarget));
+}
+
+/// Share of the places whose thickness is below a length.
+double shareBelow(const std::vector<double>& thickness, double length) {
+  if (thickness.empty()) return 0;
+  const auto thin = std::lower_bound(thickness.begin(), thickness.end(), length);
+  return static_cast<double>(thin - thickness.begin()) / static_cast<double>(thickness.size());
 }
 
 void requireCell(double cell, const Bounds& box, const std::string& name) {
@@ -476,11 +477,11 @@ SimulationMesh embedSurface(const Surface& input, const EmbedOptions& options, E
   const SurfaceMeasures solid = measureSurface(capped);
   const InsideField field(capped);
   const Bounds box = boundsOf(capped.vertices);
+  const std::vector<double> thickness = solidThickness(surface, field);
+  r.thickness = thicknessAt(thickness, kThinShare);
+  r.suggested_tetrahedra = countThatCarries(r.thickness, solid, box);
   EmbedOptions chosen = options;
-  if (options.target_tetrahedra == 0) {
-    measureThickness(surface, field, solid, smallestCell(box), r);
-    chosen.target_tetrahedra = std::min(r.suggested_tetrahedra, kMostChosen);
-  }
+  if (options.target_tetrahedra == 0) chosen.target_tetrahedra = std::min(r.suggested_tetrahedra, kMostChosen);
   std::unique_ptr<Trial> trial;
   if (options.cell_size > 0) {
     requireCell(options.cell_size, box, options.name);
@@ -512,7 +513,7 @@ SimulationMesh embedSurface(const Surface& input, const EmbedOptions& options, E
   r.subdivision = trial->cut.side();
   r.split_tetrahedra = splitTetrahedra(*trial->pieces);
   r.merged_slivers = trial->pieces->mergedSlivers();
-  measureThickness(surface, field, solid, smallestCell(box), r);
+  r.thin_share = shareBelow(thickness, r.cell_size);
   fillReport(mesh, assembly.solid(), r);
   r.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   return mesh;

@@ -5,6 +5,7 @@
 #include <numbers>
 
 #include "palpate/mesh/edge_table.h"
+#include "palpate/mesh/face_table.h"
 
 namespace palpate {
 namespace {
@@ -14,17 +15,7 @@ constexpr double kDegrees = 180 / std::numbers::pi;
 double angleBetween(const Vec3& a, const Vec3& b) { return kDegrees * std::atan2(a.cross(b).norm(), a.dot(b)); }
 
 int faceComponents(const TetrahedralMesh& mesh) {
-  std::vector<std::pair<std::array<int, 3>, int>> faces;
-  faces.reserve(4 * mesh.tetrahedra.size());
-  for (size_t i = 0; i < mesh.tetrahedra.size(); ++i) {
-    const auto& t = mesh.tetrahedra[i];
-    for (size_t k = 0; k < 4; ++k) {
-      std::array<int, 3> face = {t[(k + 1) % 4], t[(k + 2) % 4], t[(k + 3) % 4]};
-      std::sort(face.begin(), face.end());
-      faces.emplace_back(face, static_cast<int>(i));
-    }
-  }
-  std::sort(faces.begin(), faces.end());
+  const std::vector<FaceUse> faces = faceTable(mesh.tetrahedra);
   DisjointSets sets(static_cast<int>(mesh.tetrahedra.size()));
   for (size_t i = 1; i < faces.size(); ++i)
     if (faces[i].first == faces[i - 1].first) sets.unite(faces[i].second, faces[i - 1].second);

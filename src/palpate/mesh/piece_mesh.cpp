@@ -5,6 +5,8 @@
 #include <set>
 #include <unordered_map>
 
+#include "palpate/mesh/face_table.h"
+
 namespace palpate {
 namespace {
 
@@ -67,22 +69,19 @@ void PieceMesh::mergeIdentical() {
 
 // By nodes, not by links: what a piece that is given away was linked with need not touch its host.
 void PieceMesh::findFaces() {
-  std::vector<std::pair<std::array<int, 3>, int>> faces;
+  std::vector<int> pieces;
+  std::vector<std::array<int, 4>> corners;
   for (int p = 0; p < static_cast<int>(host_.size()); ++p) {
     if (!isKept(p)) continue;
-    for (int opposite = 0; opposite < 4; ++opposite) {
-      std::array<int, 3> face{};
-      for (int k = 0, i = 0; k < 4; ++k)
-        if (k != opposite) face[static_cast<size_t>(i++)] = nodeClass(p, k);
-      std::sort(face.begin(), face.end());
-      faces.emplace_back(face, p);
-    }
+    pieces.push_back(p);
+    corners.push_back({nodeClass(p, 0), nodeClass(p, 1), nodeClass(p, 2), nodeClass(p, 3)});
   }
-  std::sort(faces.begin(), faces.end());
+  const std::vector<FaceUse> faces = faceTable(corners);
   for (size_t i = 0; i < faces.size(); ++i)
     for (size_t j = i + 1; j < faces.size() && faces[j].first == faces[i].first; ++j) {
-      adjacent_[static_cast<size_t>(faces[i].second)].push_back(faces[j].second);
-      adjacent_[static_cast<size_t>(faces[j].second)].push_back(faces[i].second);
+      const int a = pieces[static_cast<size_t>(faces[i].second)], b = pieces[static_cast<size_t>(faces[j].second)];
+      adjacent_[static_cast<size_t>(a)].push_back(b);
+      adjacent_[static_cast<size_t>(b)].push_back(a);
     }
 }
 
@@ -116,18 +115,23 @@ std::vector<int> PieceMesh::keptNeighbors(int piece) const {
   return {neighbors.begin(), neighbors.end()};
 }
 
-bool PieceMesh::connectedNear(int piece, int other, int faces) const {
+bool PieceMesh::reaches(int piece, const std::vector<int>& others, int faces, int without) const {
+  const auto all = [&](const std::set<int>& reached) {
+    return std::all_of(others.begin(), others.end(), [&](int n) { return reached.count(n) > 0; });
+  };
   std::set<int> reached = {piece};
   std::vector<int> front = {piece};
-  for (int round = 0; round < faces && !front.empty() && !reached.count(other); ++round) {
+  for (int round = 0; round < faces && !front.empty() && !all(reached); ++round) {
     std::vector<int> next;
     for (int p : front)
       for (int n : adjacent_[static_cast<size_t>(p)])
-        if (isKept(n) && reached.insert(n).second) next.push_back(n);
+        if (n != without && isKept(n) && reached.insert(n).second) next.push_back(n);
     front = std::move(next);
   }
-  return reached.count(other) > 0;
+  return all(reached);
 }
+
+bool PieceMesh::connectedNear(int piece, int other, int faces) const { return reaches(piece, {other}, faces, -1); }
 
 void PieceMesh::mergeSlivers(double smallest_fill) {
   const double limit = smallest_fill * cut_.count();
@@ -185,18 +189,8 @@ double PieceMesh::worstWeight(int piece, int host) const {
 }
 
 bool PieceMesh::staysConnected(int piece, const std::vector<int>& neighbors) const {
-  if (neighbors.size() <= 1) return true;
-  // Search among pieces within eight faces of here: a longer way round would leave a hinge.
-  std::set<int> reached = {neighbors.front()};
-  std::vector<int> front = {neighbors.front()};
-  for (int round = 0; round < 8; ++round) {
-    std::vector<int> next;
-    for (int p : front)
-      for (int other : keptNeighbors(p))
-        if (other != piece && reached.insert(other).second) next.push_back(other);
-    front = std::move(next);
-  }
-  return std::all_of(neighbors.begin(), neighbors.end(), [&](int n) { return reached.count(n) > 0; });
+  // Among pieces within eight faces of here: a longer way round would leave a hinge.
+  return neighbors.empty() || reaches(neighbors.front(), neighbors, 8, piece);
 }
 
 DisjointSets PieceMesh::faceComponents() const {

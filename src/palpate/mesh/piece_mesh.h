@@ -37,6 +37,8 @@ class PieceMesh {
   void dropCrumbs();
   bool giveAway(int piece);
   bool staysConnected(int piece, const std::vector<int>& neighbors) const;
+  /// Whether at most `faces` faces lead from a kept piece to each of others, with none through the piece `without`.
+  bool reaches(int piece, const std::vector<int>& others, int faces, int without) const;
   DisjointSets faceComponents() const;
   double worstWeight(int piece, int host) const;
   void absorb(int piece, int host);

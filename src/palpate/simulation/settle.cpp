@@ -156,7 +156,7 @@ double World::settle(const std::vector<int>& moving, Pose device, const SettlePr
   StepLength h(longest);
   double speed = 0, displacement = 0, energy = potentialEnergy(moving, device);
   bool settled = false;
-  WorldState before = state_;
+  WorldState before;
   for (int n = 0; n < kMaxSteps && !settled; ++n) {
     before = state_;
     for (const int i : moving) state_.bodies[i].clearVelocities();

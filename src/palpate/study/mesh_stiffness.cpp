@@ -5,6 +5,7 @@
 #include "palpate/common/error.h"
 #include "palpate/fem/elastic_mesh.h"
 #include "palpate/linear/sparse_cholesky.h"
+#include "palpate/mesh/embedding_map.h"
 #include "palpate/mesh/surface_measures.h"
 
 namespace palpate {
@@ -31,44 +32,33 @@ std::vector<double> vertexAreas(const Surface& s) {
   return area;
 }
 
-// Weights, sum 1, of the surface's vertices in [low, high] along an axis, by node: what they share out to each node.
-struct End {
-  std::vector<std::pair<int, double>> vertices;
-
-  End(const SimulationMesh& mesh, const std::vector<double>& area, Eigen::Index axis, double low, double high) {
-    double sum = 0;
-    for (std::size_t v = 0; v < area.size(); ++v) {
-      const double at = mesh.surface.vertices[v][axis];
-      if (at < low || at > high) continue;
-      vertices.emplace_back(static_cast<int>(v), area[v]);
-      sum += area[v];
-    }
-    for (auto& [v, weight] : vertices) weight /= sum;
+// Weights, sum 1, of the surface's vertices in [low, high] along an axis; 0 elsewhere.
+std::vector<double> endWeights(const Surface& surface, Eigen::Index axis, double low, double high) {
+  std::vector<double> weights = vertexAreas(surface);
+  for (std::size_t v = 0; v < weights.size(); ++v) {
+    const double at = surface.vertices[v][axis];
+    if (at < low || at > high) weights[v] = 0;
   }
-};
+  const double sum = std::accumulate(weights.begin(), weights.end(), 0.0);
+  for (double& w : weights) w /= sum;
+  return weights;
+}
 
-// a += spring * sum over the end's vertices of weight * (interpolation)^T (interpolation)
-void addSprings(const SimulationMesh& mesh, const End& end, double spring, SymmetricBlockMatrix& a) {
-  for (const auto& [v, weight] : end.vertices) {
+// a += spring * sum over the surface's vertices of weight * (interpolation)^T (interpolation)
+void addSprings(const SimulationMesh& mesh, const std::vector<double>& weights, double spring,
+                SymmetricBlockMatrix& a) {
+  for (std::size_t v = 0; v < weights.size(); ++v) {
+    if (weights[v] == 0) continue;
     const EmbeddedPoint& point = mesh.embedding[v];
     const auto& node = mesh.mesh.tetrahedra[point.tetrahedron];
     for (int i = 0; i < 4; ++i) {
       for (int j = 0; j < 4; ++j) {
         if (node[i] < node[j]) continue;
-        a.block(a.find(node[i], node[j])).diagonal().array() += spring * weight * point.weights[i] * point.weights[j];
+        a.block(a.find(node[i], node[j])).diagonal().array() +=
+            spring * weights[v] * point.weights[i] * point.weights[j];
       }
     }
   }
-}
-
-// Row: the mean displacement of the end along an axis, of the nodes' displacements.
-VecX meanOver(const SimulationMesh& mesh, const End& end, int axis) {
-  VecX row = VecX::Zero(static_cast<Eigen::Index>(3 * mesh.mesh.nodes.size()));
-  for (const auto& [v, weight] : end.vertices) {
-    const EmbeddedPoint& point = mesh.embedding[v];
-    for (int k = 0; k < 4; ++k) row[3 * mesh.mesh.tetrahedra[point.tetrahedron][k] + axis] += weight * point.weights[k];
-  }
-  return row;
 }
 
 }  // namespace
@@ -85,15 +75,17 @@ MeshStiffness meshStiffness(const Surface& surface, const EmbedOptions& options)
   const Bounds box = boundsOf(mesh.surface.vertices);
   Eigen::Index axis = 0;
   const double side = (box.high - box.low).maxCoeff(&axis);
-  const std::vector<double> area = vertexAreas(mesh.surface);
-  const End held(mesh, area, axis, box.low[axis], box.low[axis] + kEnds * side);
-  const End pulled(mesh, area, axis, box.high[axis] - kEnds * side, box.high[axis]);
+  const auto held = endWeights(mesh.surface, axis, box.low[axis], box.low[axis] + kEnds * side);
+  const auto pulled = endWeights(mesh.surface, axis, box.high[axis] - kEnds * side, box.high[axis]);
   addSprings(mesh, held, kHolding * kYoungsModulus * side, a);
   SparseCholesky factor;
   factor.analyze(a);
   if (!factor.factorize(a)) throw InputError(options.name, "", "has a mesh that cannot hold a load");
+  const EmbeddingMap embedding(mesh.mesh, mesh.embedding);
   for (int d = 0; d < 3; ++d) {
-    const VecX load = meanOver(mesh, pulled, d);
+    VecX traction = VecX::Zero(static_cast<Eigen::Index>(3 * pulled.size()));
+    for (std::size_t v = 0; v < pulled.size(); ++v) traction[3 * v + d] = pulled[v];
+    const VecX load = embedding.spread(traction);
     MatX displacement = load;
     factor.solve(displacement);
     out.stiffness[d] = 1 / load.dot(displacement.col(0));
