@@ -36,9 +36,13 @@ struct StepReport {
   int solver_iterations = 0;
   double solver_residual = 0;  ///< [m/s]
   int passes = 0;
-  double penetration = 0;                         ///< deepest surface point in another solid at the end of the step [m]
-  double motion_share = 1;                        ///< least share of its motion that a body was let go without crossing
+  double penetration = 0;   ///< deepest surface point in another solid at the end of the step [m]
+  double motion_share = 1;  ///< least share of its motion that a node was let go without crossing
+  int redone = 0;  ///< shorter steps in which it was done again, as in one it would not converge or cross; 0: none
   double kinetic_energy = 0, elastic_energy = 0;  ///< [J], at the end
+  /// By which the energy at the end exceeds that at the start, the work of link, gravity and driven bodies, and a
+  /// hundredth of the sum of their magnitudes [J].
+  double energy_made = 0;
   bool failed() const { return status == StepStatus::restored; }
 };
 
