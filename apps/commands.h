@@ -1,8 +1,15 @@
 #pragma once
 
 #include <CLI/CLI.hpp>
+#include <stdexcept>
 
 namespace palpate {
+
+/// The job was done and written, but what it looked at is not as it must be. Exit code 3.
+class ChecksFailed : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
+};
 
 /// Of an option: a name must have letters.
 inline const CLI::Validator kNotEmpty([](const std::string& text) { return text.empty() ? "must not be empty" : ""; },

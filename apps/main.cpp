@@ -13,6 +13,7 @@ namespace {
 
 constexpr int kBadInput = 2;
 constexpr int kFailedRun = 1;
+constexpr int kFailedChecks = 3;
 
 // One line whatever the cause: libraries put line ends into their messages.
 int fail(const std::string& message, int code) {
@@ -65,6 +66,8 @@ int main(int argc, char** argv) {
     return fail(e.what(), kBadInput);
   } catch (const palpate::InputError& e) {
     return fail(e.what(), kBadInput);
+  } catch (const palpate::ChecksFailed& e) {
+    return fail(e.what(), kFailedChecks);
   } catch (const std::bad_alloc&) {
     return fail("out of memory", kFailedRun);
   } catch (const std::exception& e) {

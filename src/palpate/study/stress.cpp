@@ -1,182 +1,301 @@
 #include "palpate/study/stress.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <chrono>
 #include <cmath>
-#include <optional>
-#include <random>
-#include <vector>
 
-#include "palpate/contact/overlap.h"
-#include "palpate/math/rotation.h"
-#include "palpate/mesh/embedding_map.h"
+#include "palpate/common/error.h"
 #include "palpate/mesh/surface_measures.h"
 #include "palpate/results/statistics.h"
-#include "palpate/visual/visual_step.h"
+#include "palpate/study/examiner.h"
+#include "palpate/study/freeze_watch.h"
 
 namespace palpate {
 namespace {
 
 constexpr double kInside = 1e-4;  // of the tool's diagonal: a vertex less deep is on the surface, not on the wrong side
+constexpr double kDeepest = 1e-3;                        // of the diagonal
+constexpr double kCutShare = 1e-3;                       // of all steps
+constexpr double kEnergyMade = 1e-3;                     // in one step [J]
+constexpr double kLastSecond = 1.0;                      // of a ride [s]
+constexpr double kHandleOff = 5e-4;                      // [m]
+constexpr double kEnergyOff = 1e-4, kEnergyShare = 0.1;  // [J], of the energy
 
-/// The random hand. Straight runs at up to full speed, turned round or broken off at random, never far from the start.
-class WildHand {
+enum class Touch { nothing, itself, others };
+
+// What the tool touches, by the last step's contacts.
+Touch touchOf(const World& world) {
+  const ContactSet& set = world.contacts();
+  const int tool = world.toolIndex();
+  Touch out = Touch::nothing;
+  for (std::size_t c = 0; c < set.contacts.size(); ++c) {
+    if (set.status[c].state == ContactState::open) continue;
+    const int a = set.contacts[c].first.body, b = set.contacts[c].second.body;
+    if ((a == tool) != (b == tool)) return Touch::others;
+    if (a == tool) out = Touch::itself;
+  }
+  return out;
+}
+
+/// Where a world has come to rest.
+struct Rest {
+  Pose handle;
+  double energy = 0;  // elastic, of the tool [J]
+};
+
+Rest restOf(const World& world) {
+  const Body tool = world.tool();
+  ElasticAhead own;  // not the system's, which belongs to the next step
+  return {tool.state.handle.pose, tool.model.elasticity().energyAt(tool.state.positions, tool.state.elastic, own)};
+}
+
+/// Takes the steps and looks at the world after each.
+class StressRun {
  public:
-  WildHand(const Pose& start, double reach, const StressSettings& settings)
-      : start_(start), reach_(reach), settings_(settings), random_(settings.seed) {
-    state_.pose = start;
+  StressRun(BuiltScene& scene, const StressSettings& settings, const std::function<bool(double)>& going_on)
+      : scene_(scene),
+        world_(scene.world),
+        settings_(settings),
+        going_on_(going_on),
+        start_model_(startModel(scene, settings.timing)),
+        model_(start_model_),
+        diagonal_(boundsOf(world_.tool().model.mesh().surface.vertices).diagonal()),
+        examiner_(world_, kInside * diagonal_, settings.crossable),
+        freeze_(world_, scene.start, settings.timing.visual_step) {
+    settings_.motion.step = settings.timing.visual_step;
+    settings_.motion.reach = settings.reach * diagonal_;
+    if (settings_.riding && settings_.rides == 0) {  // all rides are of about one length
+      const int length = static_cast<int>(rideOf(scene.start, settings_.motion, settings_.seed).way.size());
+      settings_.rides = (settings_.steps + length - 1) / length;
+    }
   }
 
-  DeviceTarget next(bool calm) {
-    if (calm) {
-      state_.twist.setZero();
-      return state_;
+  StressOutcome finish() {
+    if (settings_.riding) {
+      rideAll();
+    } else {
+      runWild();
     }
-    const double event = uniform(0, 1);
-    if (event < 0.04) {
-      teleport();
-    } else if (event < 0.16) {
-      state_.twist = -state_.twist;
-    } else if (event < 0.34) {
-      state_.twist.head<3>() = uniform(0.2, 1) * settings_.speed * direction();
-      state_.twist.tail<3>() = uniform(0, 1) * settings_.spin * direction();
-    }
-    state_.pose = advance(state_.pose, settings_.step * state_.twist);
-    const Vec3 away = state_.pose.position - start_.position;
-    if (away.norm() > reach_) {
-      state_.pose.position = start_.position + reach_ * away.normalized();
-      state_.twist.head<3>() = -state_.twist.head<3>();
-    }
-    return state_;
+    outcome_.median_ms = percentile(times_, 0.5);
+    outcome_.p99_ms = percentile(times_, 0.99);
+    outcome_.p99_9_ms = percentile(times_, 0.999);
+    outcome_.max_ms = percentile(times_, 1.0);
+    return outcome_;
   }
 
  private:
-  double uniform(double low, double high) { return std::uniform_real_distribution<double>(low, high)(random_); }
-  Vec3 direction() {
-    Vec3 d;
-    do {
-      d = Vec3(uniform(-1, 1), uniform(-1, 1), uniform(-1, 1));
-    } while (d.norm() > 1 || d.norm() < 1e-3);
-    return d.normalized();
-  }
-  void teleport() {
-    state_.pose.position = start_.position + uniform(0, reach_) * direction();
-    state_.pose.rotation = expRotation(uniform(0, 3) * direction()) * start_.rotation;
+  void runWild() {
+    WildHand hand(scene_.start, settings_.motion, settings_.seed);
+    while (!outcome_.stopped && outcome_.all.steps < settings_.steps) {
+      const StressBout bout = hand.bout(settings_.steps - outcome_.all.steps);
+      const int last = static_cast<int>(bout.way.size()) - 1;
+      for (int n = 0; n <= last && !outcome_.stopped; ++n) {
+        const Examination seen = step(bout.way[n], outcome_.all);
+        if (n == last) addCalm(seen, outcome_.all);
+        report(static_cast<double>(outcome_.all.steps) / settings_.steps);
+      }
+    }
   }
 
-  Pose start_;
-  double reach_;
+  void rideAll() {
+    const WorldState built = world_.state();
+    const int calm = static_cast<int>(std::ceil(settings_.motion.home / settings_.motion.step - 1e-9));
+    for (int n = 0; n < calm; ++n) take({scene_.start, Vec6::Zero()});
+    reference_ = restOf(world_);
+    reference_touch_ = touchOf(world_);
+    times_.clear();
+    for (int k = 0; k < settings_.rides && !outcome_.stopped; ++k) {
+      world_.restore(built);
+      model_ = start_model_;
+      steps_ = 0;
+      freeze_.restart(world_);
+      cut_before_ = false;
+      StressRide ride;
+      ride.seed = settings_.seed + static_cast<std::uint64_t>(k);
+      rideOne(ride, static_cast<double>(k));
+      outcome_.all += ride.tally;
+      outcome_.rides.push_back(ride);
+    }
+  }
+
+  void rideOne(StressRide& ride, double before) {
+    const StressBout bout = rideOf(scene_.start, settings_.motion, ride.seed);
+    const int steps = static_cast<int>(bout.way.size());
+    const int last_second =
+        steps - std::min(bout.calm, std::max(1, static_cast<int>(kLastSecond / settings_.motion.step)));
+    StressTally calm;
+    for (int n = 0; n < steps && !outcome_.stopped; ++n) {
+      const StressTally until = ride.tally;
+      const Examination seen = step(bout.way[n], ride.tally);
+      ride.max_ms = std::max(ride.max_ms, times_.back());
+      if (n >= last_second) {
+        calm.wrong_side = std::max(calm.wrong_side, seen.wrong_side);
+        calm.self_intersections = std::max(calm.self_intersections, seen.self_intersections);
+        calm.inverted = std::max(calm.inverted, seen.inverted);
+        if (ride.tally.cut > until.cut || ride.tally.not_converged > until.not_converged) ++calm.restless;
+      }
+      report((before + static_cast<double>(n + 1) / steps) / settings_.rides);
+      if (n + 1 == steps) {
+        ride.tally += calm;
+        judge(ride);
+      }
+    }
+  }
+
+  // Handle and energy at a ride's end.
+  void judge(StressRide& ride) {
+    const Rest end = restOf(world_);
+    const Touch touch = touchOf(world_);
+    ride.energy = end.energy;
+    if (!std::isfinite(end.energy)) {
+      ride.came_back = false;
+      return;
+    }
+    Rest wanted = reference_;
+    bool same_energy = true;
+    if (touch != Touch::others && reference_touch_ != Touch::others) {
+      // a tool that touches only itself may lie otherwise than before, but its weight hangs from the handle
+      ride.judge = RideJudge::reference;
+      same_energy = touch == Touch::nothing;
+    } else if (settings_.solve_static) {
+      try {
+        world_.settle({world_.toolIndex()}, scene_.start);
+        wanted = restOf(world_);
+        ride.judge = RideJudge::settled;
+      } catch (const RunError&) {  // such as friction that lets go now and then
+      }
+    }
+    ride.handle_off = (end.handle.position - wanted.handle.position).norm();
+    ride.energy_off = end.energy - wanted.energy;
+    const bool energy_good = std::abs(ride.energy_off) <= kEnergyOff + kEnergyShare * wanted.energy;
+    ride.came_back = ride.judge == RideJudge::none || (ride.handle_off <= kHandleOff && (energy_good || !same_energy));
+  }
+
+  // A visual step, as runs take it.
+  StepReport take(const DeviceTarget& device) {
+    const DeviceTarget target = aimAt({device.pose, device.twist, 0}, settings_.timing);
+    const auto begin = std::chrono::steady_clock::now();
+    const VisualRecord record =
+        visualStep(world_, target, visualSettings(scene_, settings_.timing), steps_ * settings_.motion.step, model_);
+    times_.push_back(std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - begin).count());
+    ++steps_;
+    model_ = record.model;
+    return record.step;
+  }
+
+  Examination step(const DeviceTarget& device, StressTally& tally) {
+    addReport(take(device), tally);
+    const Examination seen = examiner_.examine(world_);
+    if (!seen.finite) ++tally.nan;
+    tally.deepest_penetration_rel = std::max(tally.deepest_penetration_rel, seen.depth / diagonal_);
+    tally.crossed += seen.self_intersections > 0 ? 1 : 0;
+    tally.folded += seen.inverted > 0 ? 1 : 0;
+    tally.frozen += freeze_.after(world_, device.pose, touchOf(world_) == Touch::others) > 0 ? 1 : 0;
+    return seen;
+  }
+
+  void addReport(const StepReport& report, StressTally& tally) {
+    ++tally.steps;
+    tally.restored += report.status == StepStatus::restored ? 1 : 0;
+    tally.not_converged += report.status == StepStatus::contact_not_converged ? 1 : 0;
+    const bool cut = report.motion_share < 1;
+    tally.cut += cut ? 1 : 0;
+    tally.cut_twice += cut && cut_before_ ? 1 : 0;
+    cut_before_ = cut;
+    tally.least_share = std::min(tally.least_share, report.motion_share);
+    tally.redone += report.redone > 0 ? 1 : 0;
+    tally.energy_made += report.energy_made;
+    tally.largest_energy_made = std::max(tally.largest_energy_made, report.energy_made);
+    tally.max_kinetic = std::max(tally.max_kinetic, report.kinetic_energy);
+    tally.max_elastic = std::max(tally.max_elastic, report.elastic_energy);
+    tally.max_energy = std::max(tally.max_energy, report.kinetic_energy + report.elastic_energy);
+  }
+
+  static void addCalm(const Examination& seen, StressTally& tally) {
+    tally.wrong_side += seen.wrong_side;
+    tally.self_intersections += seen.self_intersections;
+    tally.inverted += seen.inverted;
+  }
+
+  void report(double share) {
+    if (going_on_ && !going_on_(share)) outcome_.stopped = true;
+  }
+
+  BuiltScene& scene_;
+  World& world_;
   StressSettings settings_;
-  std::mt19937_64 random_;
-  DeviceTarget state_;
+  const std::function<bool(double)>& going_on_;
+  HandleModel start_model_, model_;
+  double diagonal_;
+  Examiner examiner_;
+  FreezeWatch freeze_;
+  Rest reference_;
+  Touch reference_touch_ = Touch::nothing;
+  bool cut_before_ = false;
+  int steps_ = 0;
+  std::vector<double> times_;  // [ms]
+  StressOutcome outcome_;
 };
 
-/// Depth of the deepest surface point of any body in a plane or in another solid, and how many vertices are inside one.
-struct Intrusion {
-  double depth = 0;  // [m]
-  int vertices = 0;
-};
-
-/// Examines a world's surfaces apart from the step's own contacts.
-class Examiner {
- public:
-  explicit Examiner(const World& world) {
-    for (int i = 0; i < world.bodies(); ++i) {
-      const SimulationMesh& mesh = world.body(i).model.mesh();
-      surfaces_.emplace_back(mesh.surface);
-      embeddings_.emplace_back(mesh.mesh, mesh.embedding);
-    }
-    for (const Obstacle& o : world.obstacles) {
-      if (const std::optional<Surface> s = surfaceOf(o)) surfaces_.emplace_back(*s);
-    }
+// The criteria on steps, and after calm.
+std::vector<std::string> failuresOf(const StressTally& t) {
+  std::vector<std::string> out;
+  const auto none = [&](int count, const char* what) {
+    if (count > 0) out.push_back(fmt::format("{} {}", count, what));
+  };
+  none(t.nan, "steps not finite");
+  none(t.restored, "steps restored");
+  if (t.deepest_penetration_rel > kDeepest) {
+    out.push_back(fmt::format("penetration of {:.3f} % of the tool's diagonal", 100 * t.deepest_penetration_rel));
   }
-
-  Intrusion examine(const World& world, double inside) {
-    Intrusion out;
-    for (int i = 0; i < world.bodies(); ++i) {
-      CollisionSurface& s = surfaces_[i];
-      embeddings_[i].interpolate(world.body(i).state.positions.data(), s.start.data()->data());
-      s.end = s.start;
-      s.refit();
-      for (const Obstacle& o : world.obstacles) {
-        const auto* plane = std::get_if<PlaneShape>(&o.shape);
-        if (plane == nullptr) continue;
-        for (const Vec3& p : s.start) {
-          const double depth = -gap(*plane, p);
-          out.depth = std::max(out.depth, depth);
-          if (depth > inside) ++out.vertices;
-        }
-      }
-    }
-    for (std::size_t b = 1; b < surfaces_.size(); ++b) {
-      for (std::size_t a = 0; a < b; ++a) {
-        if (a >= static_cast<std::size_t>(world.bodies())) continue;  // both fixed
-        points_.clear();
-        findOverlaps(surfaces_[a], surfaces_[b], points_);
-        for (const OverlapPoint& p : points_) {
-          out.depth = std::max(out.depth, p.depth);
-          if (p.vertex[1] < 0 && p.depth > inside) ++out.vertices;
-        }
-      }
-    }
-    return out;
+  none(t.wrong_side, "vertices on the wrong side after calm");
+  none(t.self_intersections, "pairs of triangles of one body intersect after calm");
+  none(t.inverted, "inverted tetrahedra after calm");
+  none(t.frozen, "steps with a frozen body");
+  none(t.cut_twice, "steps cut short right after one cut short");
+  none(t.restless, "steps cut short or not converged in the last second of a ride");
+  if (t.largest_energy_made > kEnergyMade) {
+    out.push_back(fmt::format("{:.3g} J made in one step", t.largest_energy_made));
   }
-
- private:
-  std::vector<CollisionSurface> surfaces_;
-  std::vector<EmbeddingMap> embeddings_;  // of the bodies, which come first
-  std::vector<OverlapPoint> points_;
-};
-
-bool finite(const World& world) {
-  for (int i = 0; i < world.bodies(); ++i) {
-    const Body b = world.body(i);
-    if (!b.state.positions.allFinite() || !b.state.velocities.allFinite()) return false;
-  }
-  return true;
+  return out;
 }
 
 }  // namespace
 
-StressOutcome runStress(BuiltScene& scene, const StressSettings& settings,
-                        const std::function<void(double)>& progress) {
-  World& world = scene.world;
-  world.link_force_limit = settings.max_force;
-  world.link_torque_limit = settings.max_torque;
-  const double diagonal = boundsOf(world.tool().model.mesh().surface.vertices).diagonal();
-  WildHand hand(scene.start, settings.reach * diagonal, settings);
-  Examiner examiner(world);
-  const int burst = std::max(1, static_cast<int>(std::ceil(settings.burst / settings.step)));
-  const int calm = std::max(1, static_cast<int>(std::ceil(settings.calm / settings.step)));
-  const VisualStepSettings visual{scene.linearization, settings.step};
-  HandleModel model;
-  StressOutcome out;
-  std::vector<double> times;
-  for (int n = 0; n < settings.steps; ++n) {
-    const int phase = n % (burst + calm);
-    const bool violent = phase < burst && n + calm < settings.steps;
-    const DeviceTarget target = hand.next(!violent);
-    const auto begin = std::chrono::steady_clock::now();
-    const VisualRecord record = visualStep(world, target, visual, n * settings.step, model);
-    times.push_back(std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - begin).count());
-    model = record.model;
-    const StepReport& report = record.step;
-    ++out.steps;
-    if (!finite(world)) ++out.nan;
-    out.restored += report.status == StepStatus::restored ? 1 : 0;
-    out.not_converged += report.status == StepStatus::contact_not_converged ? 1 : 0;
-    out.cut += report.motion_share < 1 ? 1 : 0;
-    out.max_kinetic = std::max(out.max_kinetic, report.kinetic_energy);
-    out.max_elastic = std::max(out.max_elastic, report.elastic_energy);
-    out.max_energy = std::max(out.max_energy, report.kinetic_energy + report.elastic_energy);
-    const Intrusion in = examiner.examine(world, kInside * diagonal);
-    out.deepest_penetration_rel = std::max(out.deepest_penetration_rel, in.depth / diagonal);
-    if (phase == burst + calm - 1 || n == settings.steps - 1) out.wrong_side += in.vertices;
-    if (progress) progress(static_cast<double>(n + 1) / settings.steps);
+StressTally& StressTally::operator+=(const StressTally& o) {
+  for (const auto sum : {&StressTally::steps, &StressTally::nan, &StressTally::restored, &StressTally::not_converged,
+                         &StressTally::cut, &StressTally::cut_twice, &StressTally::redone, &StressTally::frozen,
+                         &StressTally::crossed, &StressTally::folded, &StressTally::wrong_side,
+                         &StressTally::self_intersections, &StressTally::inverted, &StressTally::restless}) {
+    this->*sum += o.*sum;
   }
-  out.median_ms = percentile(times, 0.5);
-  out.p99_ms = percentile(times, 0.99);
-  out.max_ms = percentile(times, 1.0);
+  for (const auto most : {&StressTally::deepest_penetration_rel, &StressTally::max_energy, &StressTally::max_kinetic,
+                          &StressTally::max_elastic, &StressTally::largest_energy_made}) {
+    this->*most = std::max(this->*most, o.*most);
+  }
+  least_share = std::min(least_share, o.least_share);
+  energy_made += o.energy_made;
+  return *this;
+}
+
+bool StressRide::failed() const { return !came_back || !failuresOf(tally).empty(); }
+
+StressOutcome runStress(BuiltScene& scene, const StressSettings& settings,
+                        const std::function<bool(double)>& going_on) {
+  return StressRun(scene, settings, going_on).finish();
+}
+
+std::vector<std::string> stressFailures(const StressOutcome& outcome) {
+  std::vector<std::string> out = failuresOf(outcome.all);
+  if (outcome.all.cut > kCutShare * outcome.all.steps) {
+    out.push_back(fmt::format("{} of {} steps cut short", outcome.all.cut, outcome.all.steps));
+  }
+  const auto away =
+      std::count_if(outcome.rides.begin(), outcome.rides.end(), [](const StressRide& ride) { return !ride.came_back; });
+  if (away > 0)
+    out.push_back(fmt::format("{} of {} rides did not come back to rest as they should", away, outcome.rides.size()));
   return out;
 }
 
