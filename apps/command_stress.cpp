@@ -73,25 +73,39 @@ const char* nameOf(RideJudge judge) {
 }
 
 void writeRides(const std::filesystem::path& path, const std::vector<StressRide>& rides) {
-  CsvWriter csv(path, {"seed",          "failed",
-                       "steps",         "deepest_penetration_rel",
-                       "wrong_side",    "self_intersections",
-                       "inverted",      "restless",
-                       "steps_crossed", "steps_folded",
-                       "nan",           "frozen",
-                       "cut",           "cut_twice",
-                       "least_share",   "redone",
-                       "not_converged", "restored",
-                       "energy_made_J", "largest_energy_made_J",
-                       "max_energy_J",  "judge",
-                       "came_back",     "handle_off_m",
-                       "tool_energy_J", "energy_off_J",
+  CsvWriter csv(path, {"seed",
+                       "failed",
+                       "steps",
+                       "deepest_penetration_rel",
+                       "wrong_side",
+                       "self_intersections",
+                       "inverted",
+                       "restless",
+                       "steps_crossed",
+                       "steps_passed",
+                       "steps_folded",
+                       "nan",
+                       "frozen",
+                       "cut",
+                       "cut_twice",
+                       "least_share",
+                       "redone",
+                       "not_converged",
+                       "restored",
+                       "energy_made_J",
+                       "largest_energy_made_J",
+                       "max_energy_J",
+                       "judge",
+                       "came_back",
+                       "handle_off_m",
+                       "tool_energy_J",
+                       "energy_off_J",
                        "max_step_ms"});
   for (const StressRide& r : rides) {
     const StressTally& t = r.tally;
     csv.cell(std::to_string(r.seed)).cell(r.failed() ? 1 : 0).cell(t.steps).cell(t.deepest_penetration_rel);
-    for (const int count : {t.wrong_side, t.self_intersections, t.inverted, t.restless, t.crossed, t.folded, t.nan,
-                            t.frozen, t.cut, t.cut_twice}) {
+    for (const int count : {t.wrong_side, t.self_intersections, t.inverted, t.restless, t.crossed, t.passed, t.folded,
+                            t.nan, t.frozen, t.cut, t.cut_twice}) {
       csv.cell(count);
     }
     csv.cell(t.least_share).cell(t.redone).cell(t.not_converged).cell(t.restored).cell(t.energy_made);
@@ -119,6 +133,7 @@ nlohmann::ordered_json summaryOf(const std::string& scene, const StressOptions& 
   j["self_intersections"] = t.self_intersections;
   j["inverted"] = t.inverted;
   j["steps_crossed"] = t.crossed;
+  j["steps_passed"] = t.passed;
   j["steps_folded"] = t.folded;
   j["frozen"] = t.frozen;
   j["max_energy_J"] = t.max_energy;
@@ -155,8 +170,10 @@ void print(const std::string& scene, const StressSettings& settings, const Stres
   fmt::print("{}\n", o.stopped ? ", stopped" : "");
   fmt::print("  deepest penetration {:.3f} % of the tool's diagonal; {} vertices on the wrong side after calm\n",
              100 * t.deepest_penetration_rel, t.wrong_side);
-  fmt::print("  after calm: {} pairs of triangles cross, {} tetrahedra inverted; on the way: in {} and {} steps\n",
-             t.self_intersections, t.inverted, t.crossed, t.folded);
+  fmt::print(
+      "  after calm: {} pairs of triangles cross, {} tetrahedra inverted; on the way: in {} steps ({} of "
+      "them not between neighbors) and {}\n",
+      t.self_intersections, t.inverted, t.crossed, t.passed, t.folded);
   fmt::print("  steps: {} not finite, {} restored, {} not converged, {} redone, {} with a frozen body\n", t.nan,
              t.restored, t.not_converged, t.redone, t.frozen);
   fmt::print("  cut short: {} steps, {} of them right after another, least share {:.3g}\n", t.cut, t.cut_twice,

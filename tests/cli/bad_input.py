@@ -164,6 +164,11 @@ rejected_variants("bad-stress", {
     "steps-fraction": stress_option("--steps", "1.5"),
     "steps-endless": stress_option("--steps", "99999999999999"),
     "seed": stress_option("--seed", "x"),
+    "hand": stress_option("--hand", "third"),
+    "speed": stress_option("--speed", "-1", "--hand", "ride"),
+    "seeds-wild": stress_option("--seeds", "3"),
+    "seeds-and-steps": stress_option("--seeds", "3", "--steps", "10", "--hand", "ride"),
+    "static-wild": stress_option("--static"),
 })
 
 rejected_variants("bad-option", {

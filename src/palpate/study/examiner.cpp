@@ -1,11 +1,16 @@
 #include "palpate/study/examiner.h"
 
 #include <algorithm>
+#include <cmath>
 #include <optional>
 #include <utility>
 
+#include "palpate/contact/neighbor_exclusion.h"
+
 namespace palpate {
 namespace {
+
+constexpr double kRounding = 1e-9;  // of a triangle's size
 
 using Triangle = std::array<Vec3, 3>;
 
@@ -33,10 +38,15 @@ bool passes(const Vec3& p, const Vec3& q, double height_p, double height_q, cons
   return (wa >= 0 && wb >= 0 && wc >= 0) || (wa <= 0 && wb <= 0 && wc <= 0);
 }
 
-// Heights of the corners of u over the plane of t. @returns whether they are on both sides
+// Heights of the corners of u over the plane of t, times twice its area; what may be rounding is zero, as parts of a
+// flat face would else cross. @returns whether they are on both sides
 bool straddles(const Triangle& t, const Triangle& u, std::array<double, 3>& height) {
   const Vec3 n = (t[1] - t[0]).cross(t[2] - t[0]);
-  for (int k = 0; k < 3; ++k) height[k] = n.dot(u[k] - t[0]);
+  const double area = n.norm(), rounding = kRounding * area * std::sqrt(area);
+  for (int k = 0; k < 3; ++k) {
+    height[k] = n.dot(u[k] - t[0]);
+    if (std::abs(height[k]) < rounding) height[k] = 0;
+  }
   return std::min({height[0], height[1], height[2]}) < 0 && std::max({height[0], height[1], height[2]}) > 0;
 }
 
@@ -119,7 +129,13 @@ Examiner::Examiner(const World& world, double inside, const std::vector<int>& cr
     const SimulationMesh& mesh = model.mesh();
     surfaces_.emplace_back(mesh.surface);
     const bool may = std::find(crossable.begin(), crossable.end(), i) != crossable.end();
-    own_.push_back({EmbeddingMap(mesh.mesh, mesh.embedding), !model.isRigid() && !may, {}});
+    Own own{EmbeddingMap(mesh.mesh, mesh.embedding), !model.isRigid() && !may, {}, {}};
+    if (own.self) {
+      std::vector<int> tetrahedron;
+      for (const EmbeddedPoint& p : mesh.embedding) tetrahedron.push_back(p.tetrahedron);
+      own.neighbors = excludeNeighbors(surfaces_.back(), tetrahedron, mesh.mesh);
+    }
+    own_.push_back(std::move(own));
   }
   for (const Obstacle& o : world.obstacles) {
     if (const std::optional<Surface> s = surfaceOf(o)) surfaces_.emplace_back(*s);
@@ -168,13 +184,16 @@ void Examiner::examineOverlaps(Examination& out) {
   }
 }
 
-int Examiner::selfIntersections(int body) {
-  pairs_.clear();
-  findSelfIntersections(surfaces_[body], pairs_);
+void Examiner::examineSelf(int body, Examination& out) {
+  const CollisionSurface& surface = surfaces_[body];
   const auto& known = own_[body].from_start;
-  return static_cast<int>(std::count_if(pairs_.begin(), pairs_.end(), [&](const auto& pair) {
-    return !std::binary_search(known.begin(), known.end(), pair);
-  }));
+  pairs_.clear();
+  findSelfIntersections(surface, pairs_);
+  for (const auto& pair : pairs_) {
+    if (std::binary_search(known.begin(), known.end(), pair)) continue;
+    ++out.self_intersections;
+    if (!own_[body].neighbors.excludes(surface.triangles()[pair[0]], surface.triangles()[pair[1]])) ++out.passed;
+  }
 }
 
 Examination Examiner::examine(const World& world) {
@@ -187,7 +206,7 @@ Examination Examiner::examine(const World& world) {
   for (int i = 0; i < world.bodies(); ++i) {
     const Body body = world.body(i);
     if (!body.model.isRigid()) out.inverted += invertedTetrahedra(body.model.mesh().mesh, body.state.positions);
-    if (own_[i].self) out.self_intersections += selfIntersections(i);
+    if (own_[i].self) examineSelf(i, out);
   }
   return out;
 }

@@ -6,6 +6,7 @@
 
 #include "palpate/contact/collision_surface.h"
 #include "palpate/contact/overlap.h"
+#include "palpate/contact/self_exclusion.h"
 #include "palpate/mesh/embedding_map.h"
 #include "palpate/simulation/world.h"
 
@@ -25,6 +26,7 @@ struct Examination {
   double depth = 0;            ///< of the deepest surface point of a body in a plane or in another solid [m]
   int wrong_side = 0;          ///< surface vertices deeper than the tolerance
   int self_intersections = 0;  ///< pairs of triangles, of deformable bodies with themselves
+  int passed = 0;              ///< those of them that contact has to keep apart: not neighbors in the mesh
   int inverted = 0;            ///< tetrahedra, of deformable bodies
 };
 
@@ -42,12 +44,13 @@ class Examiner {
   struct Own {  // of a body
     EmbeddingMap embedding;
     bool self = false;
+    SelfExclusion neighbors;
     std::vector<std::array<int, 2>> from_start;  // sorted
   };
   void place(const World& world);
   void examinePlanes(const World& world, Examination& out) const;
   void examineOverlaps(Examination& out);
-  int selfIntersections(int body);
+  void examineSelf(int body, Examination& out);
 
   double inside_;
   std::vector<CollisionSurface> surfaces_;  // of the bodies, then of the obstacles

@@ -191,6 +191,7 @@ class StressRun {
     if (!seen.finite) ++tally.nan;
     tally.deepest_penetration_rel = std::max(tally.deepest_penetration_rel, seen.depth / diagonal_);
     tally.crossed += seen.self_intersections > 0 ? 1 : 0;
+    tally.passed += seen.passed > 0 ? 1 : 0;
     tally.folded += seen.inverted > 0 ? 1 : 0;
     tally.frozen += freeze_.after(world_, device.pose, touchOf(world_) == Touch::others) > 0 ? 1 : 0;
     return seen;
@@ -267,7 +268,7 @@ std::vector<std::string> failuresOf(const StressTally& t) {
 StressTally& StressTally::operator+=(const StressTally& o) {
   for (const auto sum : {&StressTally::steps, &StressTally::nan, &StressTally::restored, &StressTally::not_converged,
                          &StressTally::cut, &StressTally::cut_twice, &StressTally::redone, &StressTally::frozen,
-                         &StressTally::crossed, &StressTally::folded, &StressTally::wrong_side,
+                         &StressTally::crossed, &StressTally::passed, &StressTally::folded, &StressTally::wrong_side,
                          &StressTally::self_intersections, &StressTally::inverted, &StressTally::restless}) {
     this->*sum += o.*sum;
   }

@@ -40,7 +40,9 @@ struct StressTally {
   int redone = 0;                           ///< steps that were done again in shorter ones
   double energy_made = 0, largest_energy_made = 0;  ///< StepReport::energy_made: sum, largest of a step [J]
   int frozen = 0;                                   ///< steps after which a body was frozen (FreezeWatch)
-  int crossed = 0, folded = 0;  ///< steps after which a body intersected itself, had inverted tetrahedra
+  int crossed = 0;                                  ///< steps after which a body intersected itself
+  int passed = 0;  ///< those of them in which parts did that are not neighbors in the mesh
+  int folded = 0;  ///< steps after which a body had inverted tetrahedra
 
   // after calm: at its end; of rides, the largest numbers in the last second
   int wrong_side = 0;          ///< surface vertices inside another solid

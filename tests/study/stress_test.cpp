@@ -1,0 +1,279 @@
+// What palpate stress looks for is found where it was made by hand; its hands keep their bounds.
+#include "palpate/study/stress.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "palpate/math/rotation.h"
+#include "palpate/mesh/shapes.h"
+#include "palpate/study/examiner.h"
+#include "palpate/study/freeze_watch.h"
+#include "shared/held_scenes.h"
+
+namespace palpate {
+namespace {
+
+using namespace test;
+
+constexpr double kStep = 0.033;
+
+// --- the examiner
+
+// A box and a slender one that ends at `tip` inside or above it, as one surface.
+Surface boxAndPin(double tip) {
+  Surface out = boxSurface(Vec3(2, 2, 2));  // up to z = 1
+  const Surface pin = boxSurface(Vec3(0.2, 0.3, 1));
+  const int first = static_cast<int>(out.vertices.size());
+  for (const Vec3& p : pin.vertices) out.vertices.push_back(p + Vec3(0.31, 0.27, tip + 0.5));
+  for (const auto& t : pin.triangles) out.triangles.push_back({t[0] + first, t[1] + first, t[2] + first});
+  return out;
+}
+
+TEST(SelfIntersections, AreFoundWherePartsPass) {
+  std::vector<std::array<int, 2>> pairs;
+  findSelfIntersections(CollisionSurface(boxAndPin(1.1)), pairs);
+  EXPECT_TRUE(pairs.empty());
+  findSelfIntersections(CollisionSurface(boxAndPin(0.6)), pairs);
+  ASSERT_FALSE(pairs.empty());
+  for (const auto& [box, pin] : pairs) {  // each of the box's top with one of the pin's sides
+    EXPECT_LT(box, 12);
+    EXPECT_GE(pin, 12);
+  }
+  EXPECT_GE(pairs.size(), 8u);  // one for each triangle around the pin at least
+}
+
+TEST(SelfIntersections, AgreeWithEachPairByItself) {
+  // a ball whose top hangs through its bottom
+  Surface ball = sphereSurface(1, 2);
+  for (Vec3& p : ball.vertices) {
+    if (p.z() > 0.5) p.z() -= 4.2 * (p.z() - 0.5);
+  }
+  std::vector<std::array<int, 2>> pairs;
+  findSelfIntersections(CollisionSurface(ball), pairs);
+  std::sort(pairs.begin(), pairs.end());
+  std::vector<std::array<int, 2>> expected;  // a triangle at a time against each of the rest, in trees of two
+  for (int t = 0; t < static_cast<int>(ball.triangles.size()); ++t) {
+    for (int u = t + 1; u < static_cast<int>(ball.triangles.size()); ++u) {
+      Surface two;
+      for (const int of : {t, u})
+        for (const int v : ball.triangles[of]) two.vertices.push_back(ball.vertices[v]);
+      two.triangles = {{0, 1, 2}, {3, 4, 5}};
+      const auto& p = ball.triangles[t];
+      const auto& q = ball.triangles[u];
+      const bool shared =
+          std::any_of(p.begin(), p.end(), [&](int v) { return std::find(q.begin(), q.end(), v) != q.end(); });
+      // far apart: not worth a tree
+      if (shared || (two.vertices[0] - two.vertices[3]).norm() > 1.2) continue;
+      std::vector<std::array<int, 2>> one;
+      findSelfIntersections(CollisionSurface(two), one);
+      if (!one.empty()) expected.push_back({t, u});
+    }
+  }
+  EXPECT_GT(pairs.size(), 10u);
+  EXPECT_EQ(pairs, expected);
+}
+
+TEST(SelfIntersections, AreNotFoundInFlatFacesOrAtRest) {
+  std::vector<std::array<int, 2>> pairs;
+  Surface box = boxSurface(Vec3(0.06, 0.04, 0.03), {9, 7, 5});
+  const Quat turn = expRotation({0.3, -0.2, 0.1});
+  for (Vec3& p : box.vertices) p = turn * p;
+  findSelfIntersections(CollisionSurface(box), pairs);
+  findSelfIntersections(CollisionSurface(sphereSurface(0.1)), pairs);
+  EXPECT_TRUE(pairs.empty());
+}
+
+World heldBar() {
+  World world;
+  BodyModel body = bar({3, 2, 2}, {});
+  holdNodes(body, onTop);
+  world.add(std::move(body));
+  return world;
+}
+
+TEST(Examiner, CountsInvertedTetrahedraAndIntersectionsOfABody) {
+  World world = heldBar();
+  Examiner examiner(world, 1e-5);
+  Examination seen = examiner.examine(world);
+  EXPECT_EQ(seen.inverted, 0);
+  EXPECT_EQ(seen.self_intersections, 0);
+  // a corner of the bottom, pulled through the opposite side
+  BodyState state = world.tool().state;
+  state.positions.segment<3>(0) = Vec3(0.09, 0.031, 0.012);
+  world.setBody(0, state);
+  seen = examiner.examine(world);
+  EXPECT_GT(seen.inverted, 0);
+  EXPECT_GT(seen.self_intersections, 0);
+  EXPECT_GT(seen.passed, 0);
+  EXPECT_EQ(Examiner(world, 1e-5).examine(world).self_intersections, 0);  // had it been built so
+  EXPECT_EQ(Examiner(heldBar(), 1e-5, {0}).examine(world).self_intersections, 0);
+  state.positions[4] = std::nan("");
+  world.setBody(0, state);
+  EXPECT_FALSE(examiner.examine(world).finite);
+}
+
+TEST(Examiner, OneTetrahedronTurnedOver) {
+  TetrahedralMesh mesh{{Vec3(0, 0, 0), Vec3(1, 0, 0), Vec3(0, 1, 0), Vec3(0, 0, 1)}, {{0, 1, 2, 3}}};
+  VecX x(12);
+  x << 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1;
+  EXPECT_EQ(invertedTetrahedra(mesh, x), 0);
+  x[11] = -0.1;
+  EXPECT_EQ(invertedTetrahedra(mesh, x), 1);
+  x[11] = 0;
+  EXPECT_EQ(invertedTetrahedra(mesh, x), 1);
+}
+
+TEST(Examiner, SeesABodyBelowThePlane) {
+  World world = heldBar();
+  world.obstacles = {ground()};
+  Examiner examiner(world, 1e-4);
+  EXPECT_EQ(examiner.examine(world).wrong_side, 0);
+  HandleState handle = world.tool().state.handle;
+  handle.pose.position.z() -= 0.5 * kBarSize.z();
+  world.setHandle(0, handle);
+  const Examination seen = examiner.examine(world);
+  EXPECT_EQ(seen.depth, 0.0);  // only the top has moved
+  BodyState state = world.tool().state;
+  state.positions[2] = -0.002;
+  world.setBody(0, state);
+  EXPECT_NEAR(examiner.examine(world).depth, 0.002, 1e-12);
+  EXPECT_EQ(examiner.examine(world).wrong_side, 1);
+}
+
+// --- frozen bodies
+
+constexpr int kFrozenSteps = 10;  // 0.3 s
+
+TEST(FreezeWatch, ABodyThatIsStoppedEachTimeIsFrozen) {
+  World world = heldBar();
+  const Pose start = world.tool().state.handle.pose;
+  FreezeWatch watch(world, start, kStep);
+  BodyState state = world.tool().state;
+  for (int n = 0; n < 30; ++n) EXPECT_EQ(watch.after(world, start, false), 0);  // at rest, and not moved
+  state.velocities[0] = 0.01;
+  world.setBody(0, state);
+  for (int n = 1; n < 30; ++n) EXPECT_EQ(watch.after(world, start, true), n >= kFrozenSteps ? 1 : 0) << n;
+  state.positions[0] += 1e-5;
+  world.setBody(0, state);
+  EXPECT_EQ(watch.after(world, start, true), 0);
+}
+
+TEST(FreezeWatch, AToolThatDoesNotFollowTheDeviceIsFrozen) {
+  const World world = heldBar();
+  const Pose start = world.tool().state.handle.pose;
+  const auto frozen = [&](double moved, double per_step, bool touches) {
+    FreezeWatch watch(world, start, kStep);
+    int last = 0;
+    for (int n = 0; n <= 30; ++n) {
+      const double x = moved + n * per_step;
+      last = watch.after(world, {start.position + Vec3(x, 0, 0), start.rotation}, touches);
+    }
+    return last;
+  };
+  EXPECT_EQ(frozen(0, 0, false), 0);
+  EXPECT_EQ(frozen(0.02, 0, false), 1);   // pulled by the link, by nothing else, and still
+  EXPECT_EQ(frozen(0.02, 0, true), 0);    // it may be held: a static balance
+  EXPECT_EQ(frozen(0, 0.001, true), 1);   // but not while the device moves on
+  EXPECT_EQ(frozen(0, 0.0001, true), 0);  // unless it hardly does
+}
+
+// --- hands
+
+StressMotion motionWithin(double reach) {
+  StressMotion out;
+  out.reach = reach;
+  return out;
+}
+
+TEST(Ride, KeepsItsBoundsAndComesHome) {
+  const Pose start{Vec3(0.1, -0.2, 0.3), expRotation({0.3, 0.2, -0.5})};
+  for (const double reach : {0.04, 0.3}) {
+    const StressMotion motion = motionWithin(reach);
+    double fastest = 0, fastest_turn = 0, farthest = 0, farthest_turn = 0;
+    for (std::uint64_t seed = 1; seed <= 20; ++seed) {
+      const StressBout ride = rideOf(start, motion, seed);
+      const std::size_t riding = 182, home = ride.way.size() - static_cast<std::size_t>(ride.calm);
+      ASSERT_GT(home, riding);
+      Pose before = start;
+      for (std::size_t n = 0; n < ride.way.size(); ++n) {
+        const Vec6 moved = poseDifference(ride.way[n].pose, before) / kStep;
+        const Vec6 away = poseDifference(ride.way[n].pose, start);
+        const bool homewards = n > riding + 4;  // once it has braked
+        EXPECT_LE(moved.head<3>().norm(), (homewards ? 0.3 : motion.speed) + 1e-9);
+        EXPECT_LE(moved.tail<3>().norm(), (homewards ? 3.0 : motion.spin) + 1e-9);
+        EXPECT_LE(ride.way[n].twist.head<3>().norm(), motion.speed + 1e-9);
+        fastest = std::max(fastest, moved.head<3>().norm());
+        fastest_turn = std::max(fastest_turn, moved.tail<3>().norm());
+        farthest = std::max(farthest, away.head<3>().norm());
+        farthest_turn = std::max(farthest_turn, away.tail<3>().norm());
+        if (n + 1 >= home) {
+          EXPECT_EQ(away.norm(), 0.0);
+          EXPECT_EQ(ride.way[n].twist.norm(), 0.0);
+        }
+        before = ride.way[n].pose;
+      }
+      EXPECT_EQ(ride.calm, 91);
+      EXPECT_LT(home - riding, 150u);
+    }
+    EXPECT_LE(farthest, reach + 1e-12);
+    EXPECT_GT(farthest, 0.9 * reach);
+    EXPECT_LE(farthest_turn, 2.5 + 1e-9);
+    EXPECT_GT(farthest_turn, 2.0);
+    EXPECT_GT(fastest, reach > 0.1 ? 1.5 : 0.4);
+    EXPECT_GT(fastest_turn, 6.0);
+  }
+}
+
+TEST(Ride, IsTheSameForOneSeedAndAnotherForAnother) {
+  const StressBout a = rideOf({}, {}, 1), b = rideOf({}, {}, 1), c = rideOf({}, {}, 2);
+  ASSERT_EQ(a.way.size(), b.way.size());
+  EXPECT_EQ(a.way[50].pose.position, b.way[50].pose.position);
+  EXPECT_NE(a.way[50].pose.position, c.way[50].pose.position);
+}
+
+TEST(WildHand, StandsStillAfterEachBurstAndAtTheEnd) {
+  WildHand hand({}, motionWithin(0.1), 3);
+  for (const int most : {1000, 20}) {
+    const StressBout bout = hand.bout(most);
+    EXPECT_EQ(bout.way.size(), most == 20 ? 20u : 47u);
+    EXPECT_EQ(bout.calm, 16);
+    const DeviceTarget& end = bout.way.back();
+    for (std::size_t n = bout.way.size() - static_cast<std::size_t>(bout.calm); n < bout.way.size(); ++n) {
+      EXPECT_EQ(bout.way[n].twist.norm(), 0.0);
+      EXPECT_EQ((bout.way[n].pose.position - end.pose.position).norm(), 0.0);
+    }
+    for (const DeviceTarget& d : bout.way) EXPECT_LE(d.pose.position.norm(), 0.1 + 1e-12);
+  }
+}
+
+// --- what fails
+
+TEST(StressFailures, OneLineForEachCriterion) {
+  StressOutcome good;
+  good.all.steps = 10000;
+  good.all.cut = 10;
+  good.all.crossed = good.all.folded = good.all.redone = 5;  // on the way: told, and no failure
+  good.rides.resize(2);
+  EXPECT_TRUE(stressFailures(good).empty());
+  for (const auto count :
+       {&StressTally::nan, &StressTally::restored, &StressTally::wrong_side, &StressTally::self_intersections,
+        &StressTally::inverted, &StressTally::frozen, &StressTally::cut_twice, &StressTally::restless}) {
+    StressOutcome bad = good;
+    bad.all.*count = 1;
+    EXPECT_EQ(stressFailures(bad).size(), 1u);
+    bad.rides[1].tally.*count = 1;
+    EXPECT_TRUE(bad.rides[1].failed());
+    EXPECT_FALSE(bad.rides[0].failed());
+  }
+  StressOutcome bad = good;
+  bad.all.cut = 11;
+  bad.all.deepest_penetration_rel = 0.0011;
+  bad.all.largest_energy_made = 0.0011;
+  bad.rides[0].came_back = false;
+  EXPECT_EQ(stressFailures(bad).size(), 4u);
+}
+
+}  // namespace
+}  // namespace palpate
