@@ -26,6 +26,8 @@ StepReport stepFinely(World& world, const DeviceTarget& target, double h, int su
     r.solver_iterations += sum.solver_iterations;
     r.passes = std::max(r.passes, sum.passes);
     r.status = std::max(r.status, sum.status);
+    r.redone += sum.redone;
+    r.energy_made += sum.energy_made;
     r.times += sum.times;
     sum = r;
   }
