@@ -10,6 +10,7 @@
 #include "commands.h"
 #include "page.h"
 #include "palpate/common/error.h"
+#include "palpate/common/interruption.h"
 #include "palpate/interactive/interactive_run.h"
 #include "palpate/protocol/server_messages.h"
 #include "scene_options.h"
@@ -32,10 +33,12 @@ class TemporaryFolder {
     std::string name = (std::filesystem::temp_directory_path() / "palpate-XXXXXX").string();
     if (mkdtemp(name.data()) == nullptr) throw RunError(name + ": no temporary folder can be made");
     path_ = name;
+    markProvisional(path_);
   }
   ~TemporaryFolder() {
     std::error_code ignored;
     std::filesystem::remove_all(path_, ignored);
+    unmarkProvisional(path_);
   }
   TemporaryFolder(const TemporaryFolder&) = delete;
   TemporaryFolder& operator=(const TemporaryFolder&) = delete;

@@ -7,6 +7,7 @@
 
 #include "commands.h"
 #include "palpate/common/error.h"
+#include "palpate/common/interruption.h"
 #include "palpate/threads/thread_team.h"
 
 namespace {
@@ -28,6 +29,7 @@ int fail(const std::string& message, int code) {
 }  // namespace
 
 int main(int argc, char** argv) {
+  palpate::endCleanlyOnSignals();
   CLI::App app("Palpate: feel soft things with soft tools. One subcommand a job; each has --help.");
   app.fallthrough();  // options of the program may stand behind the subcommand
   int threads = palpate::ThreadTeam::suitable();

@@ -3,6 +3,7 @@
 import os
 import re
 import signal
+import subprocess
 import time
 
 from harness import SCENE, case, expect, rejected_variants
@@ -320,3 +321,68 @@ def bad_end_killed_run_leaves_nothing(context):
     process.send_signal(signal.SIGKILL)
     process.communicate()
     context.no_complete_result()
+
+
+def interrupted(context, arguments, ready, signals=(signal.SIGINT,)):
+    """What a signal ends does so at once, as the signal would by itself (130 in a shell after Ctrl-C), and leaves
+    nothing behind. ready() is true once the job is at work."""
+    for sent in signals:
+        before = sorted(context.folder.rglob("*"))
+        process = context.start(arguments)
+        deadline = time.monotonic() + 20
+        while time.monotonic() < deadline and process.poll() is None and not ready():
+            time.sleep(0.02)
+        time.sleep(0.3)
+        expect(process.poll() is None, f"ended by itself: {process.communicate()[1]!r}")
+        process.send_signal(sent)
+        begin = time.monotonic()
+        try:
+            process.communicate(timeout=20)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.communicate()
+        expect(time.monotonic() - begin < 2, f"took {time.monotonic() - begin:.1f} s to end")
+        expect(process.returncode == -sent, f"exit code {process.returncode} after signal {sent}")
+        left = [str(p) for p in sorted(context.folder.rglob("*")) if p not in before]
+        expect(not left, f"left behind: {left}")
+
+
+@case
+def interrupted_run_leaves_nothing(context):
+    """Ctrl-C, and a request to end, while a scene runs: no folder, no partial file."""
+    arguments = run_scene(context, SCENE) + ["--duration", "600"]
+    interrupted(context, arguments, lambda: context.out.exists() and any(context.out.iterdir()),
+                (signal.SIGINT, signal.SIGTERM, signal.SIGHUP))
+
+
+@case
+def interrupted_run_keeps_earlier_results(context):
+    """Ctrl-C during a second run into a folder leaves the first one's files as they were."""
+    context.succeeds(run_scene(context, SCENE))
+    before = {p.name: p.read_bytes() for p in context.out.iterdir()}
+    arguments = run_scene(context, SCENE) + ["--duration", "600"]
+    interrupted(context, arguments, lambda: len(list(context.out.iterdir())) > len(before))
+    expect({p.name: p.read_bytes() for p in context.out.iterdir()} == before, "the earlier files changed")
+
+
+@case
+def interrupted_study_leaves_nothing(context):
+    """Ctrl-C during evaluate, stress, and the building of a scene."""
+    scene = context.file("scene.yaml", SCENE)
+    soon = time.monotonic() + 0.5
+    interrupted(context, ["evaluate", scene, "--duration", "60", "--out", context.out], lambda: time.monotonic() > soon)
+    interrupted(context, ["stress", scene, "--steps", "1000000", "--out", context.out], context.out.exists)
+    large = context.file("large.yaml", SCENE.replace(
+        "{bar: {size: [0.08, 0.06, 0.08], cells: [2, 2, 2]}}", "{sphere: {radius: 0.05}}\n  tetrahedra: 200000"))
+    soon = time.monotonic() + 1
+    interrupted(context, ["validate", large], lambda: time.monotonic() > soon)
+
+
+@case
+def interrupted_mesh_leaves_nothing(context):
+    """Ctrl-C while meshes are made."""
+    sphere = context.file("sphere.obj", "")
+    context.succeeds(["mesh", "make", "sphere", "--out", sphere])
+    interrupted(context, ["mesh", "stiffness", sphere, "--tets", "20000", "100000"], lambda: True)
+    interrupted(context, ["mesh", "embed", sphere, "--tets", "200000", "--out", context.folder / "sphere.vtk"],
+                lambda: True)

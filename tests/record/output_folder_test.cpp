@@ -12,6 +12,7 @@
 #include <string>
 
 #include "palpate/common/error.h"
+#include "palpate/common/interruption.h"
 #include "palpate/record/json_file.h"
 
 namespace palpate {
@@ -46,6 +47,44 @@ TEST_F(OutputFolders, FilesAppearTogetherAtCommit) {
   EXPECT_EQ(read(root_ / "a.txt"), "a");
   EXPECT_EQ(read(root_ / "b.txt"), "b");
   EXPECT_EQ(entries(), 2);
+}
+
+TEST_F(OutputFolders, AFailedJobTakesBackTheFoldersItMade) {
+  { OutputFolder folder(root_ / "a" / "b"); }
+  EXPECT_FALSE(fs::exists(root_));
+  fs::create_directories(root_ / "a");
+  {
+    OutputFolder folder(root_ / "a" / "b");
+    std::ofstream(root_ / "a" / "b" / "of somebody else") << "x";
+  }
+  EXPECT_TRUE(fs::exists(root_ / "a" / "b" / "of somebody else"));
+}
+
+// The program ends as the signal would end it; partial files and the folders made for them go first.
+TEST_F(OutputFolders, ASignalLeavesNothing) {
+  EXPECT_EXIT(
+      {
+        endCleanlyOnSignals();
+        OutputFolder folder(root_ / "a");
+        std::ofstream(folder.stage("a.txt")) << "half";
+        ::raise(SIGINT);
+      },
+      testing::KilledBySignal(SIGINT), "");
+  EXPECT_FALSE(fs::exists(root_));
+}
+
+TEST_F(OutputFolders, ASignalWaitsForACommit) {
+  EXPECT_EXIT(
+      {
+        endCleanlyOnSignals();
+        OutputFolder folder(root_);
+        std::ofstream(folder.stage("a.txt")) << "whole";
+        const UninterruptedScope scope;
+        ::raise(SIGINT);
+        folder.commit();
+      },
+      testing::KilledBySignal(SIGINT), "");
+  EXPECT_EQ(read(root_ / "a.txt"), "whole");
 }
 
 TEST_F(OutputFolders, AFailedJobLeavesNothingAndSparesEarlierFiles) {

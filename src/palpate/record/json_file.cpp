@@ -9,6 +9,7 @@
 #include <string>
 
 #include "palpate/common/error.h"
+#include "palpate/common/interruption.h"
 
 namespace palpate {
 
@@ -21,11 +22,14 @@ void writeWhole(const std::filesystem::path& path, std::string_view content) {
   const std::string temporary = path.string() + ".partial-" + std::to_string(static_cast<long>(::getpid()));
   std::FILE* file = std::fopen(temporary.c_str(), "wb");
   if (!file) throw InputError(path.string(), "", std::string("cannot be written: ") + std::strerror(errno));
+  markProvisional(temporary);
   const bool written = std::fwrite(content.data(), 1, content.size(), file) == content.size();
   const bool closed = std::fclose(file) == 0;
-  if (written && closed && std::rename(temporary.c_str(), path.c_str()) == 0) return;
+  const bool placed = written && closed && std::rename(temporary.c_str(), path.c_str()) == 0;
   const std::string cause = std::strerror(errno);
-  std::remove(temporary.c_str());
+  if (!placed) std::remove(temporary.c_str());
+  unmarkProvisional(temporary);
+  if (placed) return;
   throw RunError(path.string() + ": cannot be written: " + cause);
 }
 

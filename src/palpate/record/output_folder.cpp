@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "palpate/common/error.h"
+#include "palpate/common/interruption.h"
 
 namespace palpate {
 
@@ -31,10 +32,20 @@ void requireWritable(const fs::path& folder) {
     throw InputError(folder.string(), "", std::string("cannot write into this folder: ") + std::strerror(cause));
 }
 
+// The folders on the way to this one, itself included, that are not there; outermost first.
+std::vector<fs::path> missingFolders(const fs::path& path) {
+  std::vector<fs::path> out;
+  std::error_code ignored;
+  for (fs::path p = path; !p.empty() && !fs::exists(p, ignored); p = p.parent_path()) out.insert(out.begin(), p);
+  return out;
+}
+
 }  // namespace
 
 OutputFolder::OutputFolder(fs::path path) : path_(std::move(path)) {
   if (path_.empty()) throw InputError("--out", "", "the name of the output folder is empty");
+  made_ = missingFolders(path_);
+  for (const fs::path& folder : made_) markProvisional(folder);
   std::error_code status;
   fs::create_directories(path_, status);
   if (status) throw InputError(path_.string(), "", "cannot make this folder: " + status.message());
@@ -43,16 +54,28 @@ OutputFolder::OutputFolder(fs::path path) : path_(std::move(path)) {
 }
 
 OutputFolder::~OutputFolder() {
+  const UninterruptedScope scope;
   std::error_code ignored;
   for (const Staged& file : staged_) fs::remove(file.temporary, ignored);
+  for (auto folder = made_.rbegin(); folder != made_.rend(); ++folder) fs::remove(*folder, ignored);  // if empty
+  forgetProvisional();
+}
+
+void OutputFolder::forgetProvisional() {
+  for (const Staged& file : staged_) unmarkProvisional(file.temporary);
+  for (const fs::path& folder : made_) unmarkProvisional(folder);
+  staged_.clear();
+  made_.clear();
 }
 
 fs::path OutputFolder::stage(const std::string& name) {
   staged_.push_back({path_ / temporaryName(name), path_ / name});
+  markProvisional(staged_.back().temporary);
   return staged_.back().temporary;
 }
 
 void OutputFolder::commit() {
+  const UninterruptedScope scope;
   std::error_code status;
   for (const Staged& file : staged_) {
     if (!fs::exists(file.temporary, status)) throw RunError(file.final.string() + ": was not written");
@@ -61,7 +84,7 @@ void OutputFolder::commit() {
     fs::rename(file.temporary, file.final, status);
     if (status) throw RunError(file.final.string() + ": cannot be put in place: " + status.message());
   }
-  staged_.clear();
+  forgetProvisional();
 }
 
 }  // namespace palpate

@@ -7,7 +7,8 @@
 namespace palpate {
 
 /// The folder that a job writes into. Files are written under temporary names and all get their own names in commit(),
-/// so that a job that fails or is interrupted leaves nothing that looks complete, and an earlier job's files whole.
+/// so that a job that fails or is interrupted (common/interruption.h) leaves nothing that looks complete, and an
+/// earlier job's files whole.
 ///
 ///     OutputFolder folder("out/alien");
 ///     CsvWriter csv(folder.stage("haptic.csv"), {"time_s", "force_N"});
@@ -20,7 +21,7 @@ class OutputFolder {
   /// Makes the folder if it is missing and makes sure that files can be written there.
   /// @throws InputError if it cannot be made or written to
   explicit OutputFolder(std::filesystem::path path);
-  /// Removes what was staged and not committed.
+  /// Removes what was staged and not committed, and the folders made for it as far as they are empty.
   ~OutputFolder();
   OutputFolder(const OutputFolder&) = delete;
   OutputFolder& operator=(const OutputFolder&) = delete;
@@ -39,7 +40,10 @@ class OutputFolder {
     std::filesystem::path temporary, final;
   };
 
+  void forgetProvisional();
+
   std::filesystem::path path_;
+  std::vector<std::filesystem::path> made_;  // by this; outermost first
   std::vector<Staged> staged_;
 };
 
