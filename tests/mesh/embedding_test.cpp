@@ -7,6 +7,7 @@
 #include "palpate/math/rotation.h"
 #include "palpate/mesh/alien.h"
 #include "palpate/mesh/bcc_lattice.h"
+#include "palpate/mesh/cell_contents.h"
 #include "palpate/mesh/embed_surface.h"
 #include "palpate/mesh/embedding_map.h"
 #include "palpate/mesh/mesh_quality.h"
@@ -237,15 +238,77 @@ TEST(EmbedSurface, IsTheSameEachTime) {
   EXPECT_EQ(a.fill, b.fill);
 }
 
+TEST(CellContents, AreWhatPointsAndTrianglesSay) {
+  Surface needle = capsuleSurface(0.004, 0.3, 12);
+  const Quat askew = Quat::FromTwoVectors(Vec3::UnitZ(), Vec3(1, 2, 3));
+  for (Vec3& x : needle.vertices) x = askew * x;
+  std::mt19937 random(1);
+  std::uniform_real_distribution<double> u(0, 1);
+  for (const Surface& surface : {needle, alien().surface, boxSurface(Vec3(0.2, 0.2, 0.001))}) {
+    const InsideField field(surface);
+    const Bounds box = boundsOf(surface.vertices);
+    const double cell = 0.02 * box.diagonal();
+    std::array<int, 3> cells;
+    for (size_t d = 0; d < 3; ++d)
+      cells[d] = static_cast<int>((box.high - box.low)[static_cast<Eigen::Index>(d)] / cell) + 3;
+    const BccLattice lattice(box.low - Vec3::Constant(1.3 * cell), cell, cells);
+    const CellContents contents(lattice, field);
+    for (const auto& t : surface.triangles)  // what holds a point of the surface is cut
+      for (int i = 0; i < 5; ++i) {
+        const double a = u(random), b = (1 - a) * u(random);
+        const Vec3 x = a * surface.vertices[static_cast<size_t>(t[0])] +
+                       b * surface.vertices[static_cast<size_t>(t[1])] +
+                       (1 - a - b) * surface.vertices[static_cast<size_t>(t[2])];
+        const Vec3 q = (x - lattice.origin()) / cell;
+        ASSERT_EQ(contents.at({static_cast<int>(q.x()), static_cast<int>(q.y()), static_cast<int>(q.z())}),
+                  CellContents::Content::cut);
+      }
+    BccLattice::Point c;
+    for (c[0] = 0; c[0] < cells[0]; ++c[0])
+      for (c[1] = 0; c[1] < cells[1]; ++c[1])
+        for (c[2] = 0; c[2] < cells[2]; ++c[2]) {
+          const CellContents::Content content = contents.at(c);
+          if (content == CellContents::Content::cut) continue;
+          const Vec3 x =
+              lattice.position({2 * c[0], 2 * c[1], 2 * c[2]}) + cell * Vec3(u(random), u(random), u(random));
+          ASSERT_EQ(field.inside(x), content == CellContents::Content::inside);
+        }
+  }
+}
+
+// A lattice over the whole bounding box would have a billion cells.
+TEST(EmbedSurface, ANeedleThatLiesAskewIsMeshedAsOneAlongAnAxis) {
+  const Surface straight = capsuleSurface(0.001, 1, 12);
+  Surface askew = straight;
+  const Quat turn = Quat::FromTwoVectors(Vec3::UnitZ(), Vec3(1, 1, 1));
+  for (Vec3& x : askew.vertices) x = turn * x;
+  EmbedOptions options;
+  options.target_tetrahedra = 3000;
+  for (const Surface& needle : {straight, askew}) {
+    EmbedReport report;
+    embedSurface(needle, options, &report);
+    EXPECT_NEAR(report.tetrahedra, 3000, 600);
+    EXPECT_EQ(report.components, 1);
+    EXPECT_LT(report.cell_size, 0.006);
+  }
+}
+
+std::string message(const Surface& s, const EmbedOptions& options) {
+  try {
+    embedSurface(s, options);
+  } catch (const InputError& e) {
+    return e.what();
+  }
+  return "";
+}
+
+TEST(EmbedSurface, SaysWhatWouldDoForASheet) {
+  const std::string text = message(boxSurface(Vec3(10, 10, 0.0001)), {});
+  EXPECT_NE(text.find("0.0001 m thin"), std::string::npos) << text;
+  EXPECT_NE(text.find("200000"), std::string::npos) << text;
+}
+
 TEST(EmbedSurface, RefusesBadInputInOneLine) {
-  const auto message = [](const Surface& s, const EmbedOptions& options) -> std::string {
-    try {
-      embedSurface(s, options);
-    } catch (const InputError& e) {
-      return e.what();
-    }
-    return "";
-  };
   EmbedOptions options;
   options.name = "thing.obj";
   Surface one{{Vec3(0, 0, 0), Vec3(1, 0, 0), Vec3(0, 1, 0)}, {{0, 1, 2}}};

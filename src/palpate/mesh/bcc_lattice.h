@@ -32,6 +32,9 @@ class BccLattice {
     return (c * 3 + axis) * 4 + edge;
   }
 
+  /// The cell that it was made from.
+  Point lowerCell(int64_t tetrahedron) const { return split(tetrahedron).lower; }
+
   /// Its four points, positively oriented: lower center, corner, upper center, corner.
   std::array<Point, 4> points(int64_t tetrahedron) const {
     const Split s = split(tetrahedron);

@@ -1,5 +1,7 @@
 #include "palpate/mesh/embed_surface.h"
 
+#include <fmt/format.h>
+
 #include <Eigen/LU>
 #include <algorithm>
 #include <chrono>
@@ -18,12 +20,16 @@
 namespace palpate {
 namespace {
 
-constexpr double kLargestLattice = 4e6;  // cells
+constexpr double kMostFilled = 4e6;  // cells that a lattice may have inside and on the surface
 constexpr int kLargestTarget = 200'000;
 constexpr int kMostTrials = 14;
+// A search ends where this many tetrahedra, and this often the wanted number, would meet the solid: if the samples see
+// far fewer then, it is too thin for them, and a finer lattice of a large sheet would take minutes to say the same.
+constexpr double kMostMet = 20'000, kMostMetShare = 5;
 constexpr int kSeamRounds = 8;
 constexpr double kThinShare = 0.05;  // of the surface: what is thinner than this does not matter
 constexpr double kOverlap = 2e-3;    // of the volume: less is within the error of sampling
+constexpr double kThinnest = 30;     // cells by the thickness of a solid that a mesh follows for certain
 constexpr int kLeastChosen = 300, kMostChosen = 20'000;
 
 void requireOptions(const EmbedOptions& options) {
@@ -65,7 +71,7 @@ BccLattice latticeOver(const Bounds& box, double cell, const Vec3& shift) {
 
 std::unique_ptr<Trial> tryCell(const InsideField& field, const Bounds& box, double cell, int subdivision,
                                const EmbedOptions& options, const Vec3& shift = Vec3::Zero(),
-                               const std::vector<Vec3>& bridges = {}) {
+                               const Bridges& bridges = {}) {
   auto trial = std::make_unique<Trial>(latticeOver(box, cell, shift), subdivision);
   trial->shift = shift;
   trial->pieces.emplace(trial->lattice, trial->cut,
@@ -74,14 +80,24 @@ std::unique_ptr<Trial> tryCell(const InsideField& field, const Bounds& box, doub
   return trial;
 }
 
-double smallestCell(const Bounds& box) {
-  const Vec3 extent = (box.high - box.low).cwiseMax(1e-3 * box.diagonal());
-  return std::max(std::cbrt(extent.prod() / kLargestLattice), box.diagonal() / 2000);
-}
-
 /// Twelve tetrahedra a cell in the volume and a layer of a third of a cell on the area.
 double expectedCount(const SurfaceMeasures& solid, double cell) {
   return 12 * (solid.volume + solid.area * cell / 3) / (cell * cell * cell);
+}
+
+/// The cell that this count is expected with.
+double cellFor(double count, const SurfaceMeasures& solid, const Bounds& box) {
+  double low = 1e-6 * box.diagonal();
+  double high = 10 * box.diagonal();
+  for (int i = 0; i < 60; ++i) {
+    const double a = std::sqrt(low * high);
+    (expectedCount(solid, a) > count ? low : high) = a;
+  }
+  return low;
+}
+
+double smallestCell(const SurfaceMeasures& solid, const Bounds& box) {
+  return std::max(cellFor(12 * kMostFilled, solid, box), box.diagonal() / 2000);
 }
 
 /// Searches the cell size for the wanted count, which falls as cells grow, though not steadily: bracketed secant steps
@@ -89,18 +105,15 @@ double expectedCount(const SurfaceMeasures& solid, double cell) {
 /// again.
 class CellSearch {
  public:
-  CellSearch(const InsideField& field, const Bounds& box, const EmbedOptions& options)
-      : field_(field), box_(box), options_(options) {}
+  CellSearch(const InsideField& field, const SurfaceMeasures& solid, const Bounds& box, const EmbedOptions& options)
+      : field_(field), box_(box), options_(options), first_(cellFor(options.target_tetrahedra, solid, box)) {
+    const double most = std::max(kMostMet, kMostMetShare * options.target_tetrahedra);
+    smallest_ = std::max(smallestCell(solid, box), cellFor(most, solid, box));
+  }
 
-  std::unique_ptr<Trial> run(const SurfaceMeasures& solid, int& trials) {
-    double low = 1e-6 * box_.diagonal();
-    double high = 10 * box_.diagonal();
-    for (int i = 0; i < 60; ++i) {
-      const double a = std::sqrt(low * high);
-      (expectedCount(solid, a) > options_.target_tetrahedra ? low : high) = a;
-    }
+  std::unique_ptr<Trial> run(int& trials) {
     for (const Vec3& shift : {Vec3(0, 0, 0), Vec3(0.25, 0.37, 0.31)}) {
-      search(std::max(best_ ? best_->lattice.cellSize() : low, smallestCell(box_)), shift);
+      search(std::max(best_ ? best_->lattice.cellSize() : first_, smallest_), shift);
       if (error_ < 2 * options_.count_tolerance) break;
     }
     trials = trials_;
@@ -120,7 +133,7 @@ class CellSearch {
       const double low = std::min(too_many, too_few);
       const double high = std::max(too_many, too_few);
       if (bracketed && !(next > low * 1.0005 && next < high * 0.9995)) next = std::sqrt(low * high);
-      next = std::max(next, smallestCell(box_));
+      next = std::max(next, smallest_);
       if (std::abs(next / cell - 1) < 1e-4 || (bracketed && high / low < 1.002)) return;
       cell = next;
     }
@@ -142,6 +155,7 @@ class CellSearch {
   const InsideField& field_;
   Bounds box_;
   const EmbedOptions& options_;
+  double first_, smallest_;
   std::unique_ptr<Trial> best_;
   double error_ = 0;
   int trials_ = 0;
@@ -402,8 +416,20 @@ void fillReport(const SimulationMesh& mesh, const SurfaceMeasures& solid, EmbedR
 
 /// About how many tetrahedra have cells as small as the solid is thick.
 int countThatCarries(double thickness, const SurfaceMeasures& solid, const Bounds& box) {
-  const double wanted = expectedCount(solid, std::max(thickness, smallestCell(box)));
+  const double wanted = expectedCount(solid, std::max(thickness, smallestCell(solid, box)));
   return static_cast<int>(std::clamp<double>(wanted, kLeastChosen, kLargestTarget));
+}
+
+/// Why a thin solid has no mesh, and what would do.
+std::string thinText(double thickness, const EmbedOptions& options, const SurfaceMeasures& solid, const Bounds& box) {
+  // below what the thickness is measured from, a plate's
+  if (!(thickness > 0)) thickness = 2 * solid.volume / solid.area;
+  const auto thinnest = [&](double count) { return cellFor(count, solid, box) / kThinnest; };
+  const double count = expectedCount(solid, std::max(kThinnest * thickness, 1e-9 * box.diagonal()));
+  std::string text = fmt::format("is {:.2g} m thin, too little for a mesh of {} tetrahedra, which takes about {:.1g} m",
+                                 thickness, options.target_tetrahedra, thinnest(options.target_tetrahedra));
+  if (count <= kLargestTarget) return text + fmt::format("; ask for {:.0f} tetrahedra", std::ceil(count / 100) * 100);
+  return text + fmt::format("; the most, {}, take {:.1g} m", kLargestTarget, thinnest(kLargestTarget));
 }
 
 /// Share of the places whose thickness is below a length.
@@ -413,17 +439,22 @@ double shareBelow(const std::vector<double>& thickness, double length) {
   return static_cast<double>(thin - thickness.begin()) / static_cast<double>(thickness.size());
 }
 
-void requireCell(double cell, const Bounds& box, const std::string& name) {
-  if (cell >= smallestCell(box) && cell <= 10 * box.diagonal()) return;
+void requireCell(double cell, const SurfaceMeasures& solid, const Bounds& box, const std::string& name) {
+  const double smallest = smallestCell(solid, box);
+  if (cell >= smallest && cell <= 10 * box.diagonal()) return;
   throw InputError(name, "cell_size",
-                   "must lie between " + std::to_string(smallestCell(box)) + " and " +
-                       std::to_string(10 * box.diagonal()) + " m for this surface");
+                   "must lie between " + std::to_string(smallest) + " and " + std::to_string(10 * box.diagonal()) +
+                       " m for this surface");
 }
 
 void bridgeSeams(std::unique_ptr<Trial>& trial, const InsideField& field, const Surface& surface, const Bounds& box,
                  const EmbedOptions& options, EmbedReport& r) {
   const double cell = trial->lattice.cellSize(), sample = cell / trial->cut.side();
-  std::vector<Vec3> bridges;
+  Bridges bridges;
+  const auto bridge = [&](const Vec3& x) {
+    const auto at = trial->lattice.locate(x);
+    if (at.tetrahedron >= 0) bridges[at.tetrahedron].insert(trial->cut.locate(at.weights));
+  };
   r.bridges = 0;
   for (int round = 0; round < kSeamRounds; ++round) {
     const Seams seams = findSeams(surface, trial->lattice, trial->cut, *trial->pieces, 0.4 * sample);
@@ -432,10 +463,9 @@ void bridgeSeams(std::unique_ptr<Trial>& trial, const InsideField& field, const 
     r.bridges += seams.count;
     // thicker each time: samples that only touch at an edge do not hang together
     for (const Vec3& x : seams.bridges) {
-      bridges.push_back(x);
+      bridge(x);
       for (int d = 0; d < 6; ++d)
-        for (int k = 1; k <= round + 1; ++k)
-          bridges.push_back(x + (d < 3 ? 0.25 : -0.25) * k * sample * Vec3::Unit(d % 3));
+        for (int k = 1; k <= round + 1; ++k) bridge(x + (d < 3 ? 0.25 : -0.25) * k * sample * Vec3::Unit(d % 3));
     }
     trial = tryCell(field, box, cell, trial->cut.side(), options, trial->shift, bridges);
   }
@@ -484,23 +514,22 @@ SimulationMesh embedSurface(const Surface& input, const EmbedOptions& options, E
   if (options.target_tetrahedra == 0) chosen.target_tetrahedra = std::min(r.suggested_tetrahedra, kMostChosen);
   std::unique_ptr<Trial> trial;
   if (options.cell_size > 0) {
-    requireCell(options.cell_size, box, options.name);
+    requireCell(options.cell_size, solid, box, options.name);
     const double guess = expectedCount(solid, options.cell_size);
     trial = tryCell(field, box, options.cell_size, subdivisionFor(static_cast<int>(std::min(guess, 1e6))), options);
     r.trials = 1;
   } else {
-    trial = CellSearch(field, box, chosen).run(solid, r.trials);
+    trial = CellSearch(field, solid, box, chosen).run(r.trials);
   }
   r.solid_components = solidComponents(capped);
   closeSeams(trial, field, surface, box, chosen, r);
-  if (trial->pieces->count() == 0)
-    throw InputError(options.name, "", "is too thin for a simulation mesh of this size: ask for more tetrahedra");
+  if (trial->pieces->count() == 0) throw InputError(options.name, "", thinText(r.thickness, chosen, solid, box));
   const int pieces = trial->pieces->components();
   if (pieces > r.solid_components)
     throw InputError(options.name, "",
                      "falls apart into " + std::to_string(pieces) + " pieces as a mesh of " +
-                         std::to_string(trial->pieces->count()) +
-                         " tetrahedra, as parts of it are too thin: ask for more");
+                         std::to_string(trial->pieces->count()) + " tetrahedra: it " +
+                         thinText(r.thickness, chosen, solid, box));
 
   r.overlap_share = overlapShare(*trial, field);
   if (r.overlap_share < kOverlap) r.overlap_share = 0;

@@ -11,21 +11,20 @@ namespace palpate {
 /// surface may touch ask for the winding number.
 class InsideField {
  public:
-  enum class Voxel : uint8_t { outside, inside, near, unknown };
-
   /// @param capped  surface without boundary (see capHoles)    @param voxels  about how many voxels to use
   InsideField(const Surface& capped, double voxels = 4e5);
 
   bool inside(const Vec3& x) const;
   /// Winding number: how many of the solids that overlap hold x.
   double winding(const Vec3& x) const { return winding_.at(x); }
-
-  double voxelSize() const { return size_; }
-  const std::array<int, 3>& counts() const { return counts_; }
-  const Vec3& low() const { return low_; }
-  Voxel voxel(int i, int j, int k) const { return states_[index(i, j, k)]; }
+  /// Calls visit(a, b, c) with the corners of each triangle of the surface.
+  template <class Visit>
+  void forEachTriangle(Visit visit) const {
+    winding_.forEachTriangle(visit);
+  }
 
  private:
+  enum class Voxel : uint8_t { outside, inside, near, unknown };
   size_t index(int i, int j, int k) const {
     return static_cast<size_t>(i) +
            static_cast<size_t>(counts_[0]) *

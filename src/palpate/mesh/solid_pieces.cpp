@@ -5,59 +5,17 @@
 #include <set>
 #include <tuple>
 
+#include "palpate/mesh/cell_contents.h"
 #include "palpate/mesh/edge_table.h"
 
 namespace palpate {
 namespace {
 
-/// What the voxels say about each lattice cell, to skip most of the sampling.
-struct CellContent {
-  std::vector<char> solid;   ///< some voxel that overlaps the cell is not outside
-  std::vector<char> hollow;  ///< some voxel that overlaps the cell is not inside
-};
-
-CellContent contentOf(const BccLattice& lattice, const InsideField& field) {
-  const auto& n = lattice.cells();
-  const size_t total = static_cast<size_t>(n[0]) * static_cast<size_t>(n[1]) * static_cast<size_t>(n[2]);
-  CellContent content{std::vector<char>(total, 0), std::vector<char>(total, 0)};
-  std::array<std::vector<std::array<int, 2>>, 3> range;
-  for (size_t d = 0; d < 3; ++d)
-    for (int i = 0; i < field.counts()[d]; ++i) {
-      const auto e = static_cast<Eigen::Index>(d);
-      const double low = (field.low()[e] + i * field.voxelSize() - lattice.origin()[e]) / lattice.cellSize();
-      const double high = low + field.voxelSize() / lattice.cellSize();
-      range[d].push_back({std::clamp(static_cast<int>(std::floor(low - 1e-9)), 0, n[d] - 1),
-                          std::clamp(static_cast<int>(std::floor(high + 1e-9)), 0, n[d] - 1)});
-    }
-  for (int k = 0; k < field.counts()[2]; ++k)
-    for (int j = 0; j < field.counts()[1]; ++j)
-      for (int i = 0; i < field.counts()[0]; ++i) {
-        const auto voxel = field.voxel(i, j, k);
-        const auto &ri = range[0][static_cast<size_t>(i)], &rj = range[1][static_cast<size_t>(j)],
-                   &rk = range[2][static_cast<size_t>(k)];
-        for (int ck = rk[0]; ck <= rk[1]; ++ck)
-          for (int cj = rj[0]; cj <= rj[1]; ++cj)
-            for (int ci = ri[0]; ci <= ri[1]; ++ci) {
-              const size_t c = static_cast<size_t>(ci) +
-                               static_cast<size_t>(n[0]) *
-                                   (static_cast<size_t>(cj) + static_cast<size_t>(n[1]) * static_cast<size_t>(ck));
-              if (voxel != InsideField::Voxel::outside) content.solid[c] = 1;
-              if (voxel != InsideField::Voxel::inside) content.hollow[c] = 1;
-            }
-      }
-  return content;
-}
-
 class Cutter {
  public:
   Cutter(const BccLattice& lattice, const TetrahedronSubdivision& cut, const InsideField& field, bool separate,
-         const std::vector<Vec3>& bridges)
-      : lattice_(lattice), cut_(cut), field_(field), separate_(separate) {
-    for (const Vec3& x : bridges) {
-      const auto at = lattice_.locate(x);
-      if (at.tetrahedron >= 0) bridges_[at.tetrahedron].push_back(cut_.locate(at.weights));
-    }
-  }
+         const Bridges& bridges)
+      : lattice_(lattice), cut_(cut), field_(field), separate_(separate), bridges_(bridges) {}
 
   SolidPieces run() {
     sampleAll();
@@ -67,27 +25,41 @@ class Cutter {
   }
 
  private:
-  void sampleAll() {
-    const CellContent content = contentOf(lattice_, field_);
-    const auto& n = lattice_.cells();
-    BccLattice::Point c;
-    const auto cell = [&](const BccLattice::Point& p) {
-      return static_cast<size_t>(p[0]) +
-             static_cast<size_t>(n[0]) *
-                 (static_cast<size_t>(p[1]) + static_cast<size_t>(n[1]) * static_cast<size_t>(p[2]));
+  /// In the order of the lattice, the lower cells of all tetrahedra that may hold solid.
+  std::vector<BccLattice::Point> lowerCells(const CellContents& contents) const {
+    std::vector<BccLattice::Point> out;
+    const auto add = [&](BccLattice::Point c, int axis) {
+      if (axis >= 0 && c[static_cast<size_t>(axis)]-- == 0) return;
+      out.push_back(c);
     };
-    for (c[2] = 0; c[2] < n[2]; ++c[2])
-      for (c[1] = 0; c[1] < n[1]; ++c[1])
-        for (c[0] = 0; c[0] < n[0]; ++c[0])
-          for (int axis = 0; axis < 3; ++axis) {
-            BccLattice::Point upper = c;
-            if (++upper[static_cast<size_t>(axis)] >= n[static_cast<size_t>(axis)]) continue;
-            const size_t a = cell(c);
-            const size_t b = cell(upper);
-            if (!content.solid[a] && !content.solid[b]) continue;
-            const bool whole = !content.hollow[a] && !content.hollow[b];
-            for (int edge = 0; edge < 4; ++edge) sample(lattice_.tetrahedron(c, axis, edge), whole);
-          }
+    for (const BccLattice::Point& c : contents.filled())
+      for (int axis = -1; axis < 3; ++axis) add(c, axis);
+    for (const auto& [tetrahedron, samples] : bridges_) out.push_back(lattice_.lowerCell(tetrahedron));
+    std::sort(out.begin(), out.end(), [](const BccLattice::Point& a, const BccLattice::Point& b) {
+      return std::tie(a[2], a[1], a[0]) < std::tie(b[2], b[1], b[0]);
+    });
+    out.erase(std::unique(out.begin(), out.end()), out.end());
+    return out;
+  }
+
+  void sampleAll() {
+    using Content = CellContents::Content;
+    const CellContents contents(lattice_, field_);
+    const auto& n = lattice_.cells();
+    for (const BccLattice::Point& lower : lowerCells(contents)) {
+      const Content a = contents.at(lower);
+      for (int axis = 0; axis < 3; ++axis) {
+        BccLattice::Point upper = lower;
+        if (++upper[static_cast<size_t>(axis)] >= n[static_cast<size_t>(axis)]) continue;
+        const Content b = contents.at(upper);
+        const bool empty = a == Content::outside && b == Content::outside;
+        const bool whole = a == Content::inside && b == Content::inside;
+        for (int edge = 0; edge < 4; ++edge) {
+          const int64_t tetrahedron = lattice_.tetrahedron(lower, axis, edge);
+          if (!empty || bridges_.count(tetrahedron) > 0) sample(tetrahedron, whole);
+        }
+      }
+    }
   }
 
   void sample(int64_t tetrahedron, bool whole) {
@@ -201,7 +173,7 @@ class Cutter {
   const TetrahedronSubdivision& cut_;
   const InsideField& field_;
   bool separate_;
-  std::unordered_map<int64_t, std::vector<int>> bridges_;  ///< samples, by tetrahedron
+  const Bridges& bridges_;
   SolidPieces result_;
   std::vector<int> grid_;
 };
@@ -209,7 +181,7 @@ class Cutter {
 }  // namespace
 
 SolidPieces cutSolid(const BccLattice& lattice, const TetrahedronSubdivision& cut, const InsideField& field,
-                     bool separate, const std::vector<Vec3>& bridges) {
+                     bool separate, const Bridges& bridges) {
   return Cutter(lattice, cut, field, separate, bridges).run();
 }
 

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <set>
 #include <unordered_map>
 #include <vector>
 
@@ -30,9 +31,11 @@ struct SolidPieces {
   std::vector<Link> links;  ///< each pair once
 };
 
+/// Samples that count as solid wherever their centers lie, by tetrahedron: what is thinner than a sample.
+using Bridges = std::unordered_map<int64_t, std::set<int>>;
+
 /// @param separate  tell pieces in one tetrahedron apart; otherwise each tetrahedron is one piece
-/// @param bridges   points whose samples count as solid wherever their centers lie: what is thinner than a sample
 SolidPieces cutSolid(const BccLattice& lattice, const TetrahedronSubdivision& cut, const InsideField& field,
-                     bool separate, const std::vector<Vec3>& bridges = {});
+                     bool separate, const Bridges& bridges = {});
 
 }  // namespace palpate

@@ -20,6 +20,11 @@ class WindingNumber {
   bool inside(const Vec3& x) const { return at(x) > 0.5; }
   /// Slow twin of at(): every triangle's solid angle.
   double exactAt(const Vec3& x) const;
+  /// Calls visit(a, b, c) with the corners of each triangle.
+  template <class Visit>
+  void forEachTriangle(Visit visit) const {
+    for (const Triangle& t : triangles_) visit(t.a, t.b, t.c);
+  }
 
  private:
   struct Triangle {
