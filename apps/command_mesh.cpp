@@ -14,6 +14,7 @@
 #include "palpate/mesh/surface_io.h"
 #include "palpate/mesh/tetrahedral_io.h"
 #include "palpate/mesh/text_scanner.h"
+#include "palpate/threads/stage_teller.h"
 
 namespace palpate {
 namespace {
@@ -31,15 +32,25 @@ void formatRepair(std::string& out, const RepairReport& r) {
        r.topology.boundary_edges, r.topology.nonmanifold_edges);
 }
 
+void requireSize(double size) {
+  if (!(size >= 0) || !std::isfinite(size)) throw InputError("--size", "", "must be a finite length, m");
+}
+
+constexpr int kMostTetrahedra = 200'000;
+
+void requireCount(int tetrahedra, int least, const char* cause) {
+  if (tetrahedra < least || tetrahedra > kMostTetrahedra) throw InputError("--tets", "", cause);
+}
+
 }  // namespace
 
 EmbedSummary runMeshEmbed(const EmbedCommand& command) {
   if (!command.out.empty() && endingOf(command.out) != ".vtk")
     throw InputError("--out", "", "the name of a simulation mesh must end in .vtk");
-  if (command.tetrahedra < 0 || command.tetrahedra > 200'000)
-    throw InputError("--tets", "", "must be from 1 to 200000, or auto");
-  if (!(command.size >= 0) || !std::isfinite(command.size))
-    throw InputError("--size", "", "must be a finite length, m");
+  requireCount(command.tetrahedra, 0, "must be from 1 to 200000, or auto");
+  requireSize(command.size);
+  StageTeller teller;
+  teller.at(command.surface + ": making its mesh");
   RepairReport repair;
   const Surface solid = loadSolid(command.surface, command.size, &repair);
   EmbedOptions options;
@@ -88,19 +99,21 @@ std::string formatReport(const EmbedSummary& s) {
 }
 
 StiffnessSummary runMeshStiffness(const StiffnessCommand& command) {
-  if (!(command.size >= 0) || !std::isfinite(command.size))
-    throw InputError("--size", "", "must be a finite length, m");
+  requireSize(command.size);
   if (command.tetrahedra.empty()) throw InputError("--tets", "", "names no count");
+  for (const int count : command.tetrahedra) requireCount(count, 1, "must be from 1 to 200000");
+  StageTeller teller;
+  teller.at(command.surface + ": reading");
   const Surface solid = loadSolid(command.surface, command.size);
   StiffnessSummary summary{command.surface, {}};
   std::vector<int> counts = command.tetrahedra;
   std::sort(counts.begin(), counts.end());
   for (const int count : counts) {
-    if (count < 1 || count > 200'000) throw InputError("--tets", "", "must be from 1 to 200000");
     EmbedOptions options;
     options.target_tetrahedra = count;
     options.name = command.surface;
     fmt::print(stderr, "{} tetrahedra\n", count);
+    teller.at(fmt::format("{} tetrahedra: mesh and stiffness", count));
     summary.meshes.push_back(meshStiffness(solid, options));
   }
   return summary;
@@ -163,7 +176,7 @@ Surface makeShape(const MakeCommand& c) {
 }  // namespace
 
 MakeSummary runMeshMake(const MakeCommand& command) {
-  if (!(command.size >= 0)) throw InputError("--size", "", "must be positive");
+  requireSize(command.size);
   MakeSummary s{command.shape, command.out, 0, 0, 0};
   Surface surface;
   if (command.shape == "bar") {
@@ -196,23 +209,30 @@ int countOf(const std::string& text) {
   if (text == "auto") return 0;
   int count = 0;
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), count);
-  if (error != std::errc() || end != text.data() + text.size() || count < 1 || count > 200'000)
+  if (error != std::errc() || end != text.data() + text.size() || count < 1 || count > kMostTetrahedra)
     throw InputError("--tets", "", "must be from 1 to 200000, or auto, not '" + text + "'");
   return count;
 }
 
+void addSurface(CLI::App& command, std::string& surface) {
+  command.add_option("surface", surface, "Triangle surface: OBJ, STL, PLY or OFF")->required()->type_name("SURFACE");
+}
+
+void addSize(CLI::App& command, double& size, const std::string& what) {
+  command.add_option("--size", size, what)->type_name("S");
+}
+
+constexpr const char* kSizeOfFile = "Longest side of the bounding box, m; default: lengths as in the file";
+
 void addEmbed(CLI::App& group) {
   const auto options = std::make_shared<EmbedCommand>();
   CLI::App* command = group.add_subcommand("embed", "Make the simulation mesh of a surface, and say how good it is");
-  command->add_option("surface", options->surface, "Triangle surface: OBJ, STL, PLY or OFF")
-      ->required()
-      ->type_name("SURFACE");
+  addSurface(*command, options->surface);
   const auto take = [options](const std::string& text) { options->tetrahedra = countOf(text); };
   command->add_option_function<std::string>("--tets", take, "Wanted number of tetrahedra; auto: by the thinnest parts")
       ->type_name("N|auto")
       ->default_str("300");
-  command->add_option("--size", options->size, "Longest side of the bounding box, m; default: lengths as in the file")
-      ->type_name("S");
+  addSize(*command, options->size, kSizeOfFile);
   command->add_option("--out", options->out, "Write the simulation mesh (.vtk)")->check(kNotEmpty)->type_name("FILE");
   command->callback([options] { fmt::print("{}", formatReport(runMeshEmbed(*options))); });
 }
@@ -222,19 +242,16 @@ void addStiffness(CLI::App& group) {
   CLI::App* command = group.add_subcommand(
       "stiffness",
       "How the stiffness of a surface's mesh depends on its number of tetrahedra: coarse ones are too stiff");
-  command->add_option("surface", options->surface, "Triangle surface: OBJ, STL, PLY or OFF")
-      ->required()
-      ->type_name("SURFACE");
+  addSurface(*command, options->surface);
   command->add_option("--tets", options->tetrahedra, "Numbers of tetrahedra")->type_name("N...")->capture_default_str();
-  command->add_option("--size", options->size, "Longest side of the bounding box, m; default: lengths as in the file")
-      ->type_name("S");
+  addSize(*command, options->size, kSizeOfFile);
   command->callback([options] { fmt::print("{}", formatReport(runMeshStiffness(*options))); });
 }
 
 void addInfo(CLI::App& group) {
   const auto surface = std::make_shared<std::string>();
   CLI::App* command = group.add_subcommand("info", "Say what is in a surface file, before and after repair");
-  command->add_option("surface", *surface, "Triangle surface: OBJ, STL, PLY or OFF")->required()->type_name("SURFACE");
+  addSurface(*command, *surface);
   command->callback([surface] { fmt::print("{}", formatReport(runMeshInfo(*surface))); });
 }
 
@@ -245,7 +262,7 @@ void addMake(CLI::App& group) {
   command->add_option("--out", options->out, "File to write: .obj, .stl, .ply, .off; a bar also .vtk")
       ->required()
       ->type_name("FILE");
-  command->add_option("--size", options->size, "Height, length or diameter, m")->type_name("S");
+  addSize(*command, options->size, "Height, length or diameter, m");
   command->add_option("--cells", options->cells, "Cells of a bar along x, y, z")->type_name("NX NY NZ");
   command->callback([options] { fmt::print("{}", formatReport(runMeshMake(*options))); });
 }

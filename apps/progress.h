@@ -13,7 +13,7 @@ namespace palpate {
 class Progress {
  public:
   explicit Progress(std::string what) : what_(std::move(what)), terminal_(isatty(STDERR_FILENO) != 0) {
-    if (!terminal_) std::fprintf(stderr, "%s\n", what_.c_str());
+    std::fprintf(stderr, terminal_ ? "%s   0 %%" : "%s\n", what_.c_str());
   }
   ~Progress() { clear(); }
   Progress(const Progress&) = delete;

@@ -386,3 +386,23 @@ def interrupted_mesh_leaves_nothing(context):
     interrupted(context, ["mesh", "stiffness", sphere, "--tets", "20000", "100000"], lambda: True)
     interrupted(context, ["mesh", "embed", sphere, "--tets", "200000", "--out", context.folder / "sphere.vtk"],
                 lambda: True)
+
+
+@case
+def bad_disk_full(context):
+    """What cannot be written is said as the system says it."""
+    (context.folder / "sphere.obj.part").symlink_to("/dev/full")
+    context.rejects(["mesh", "make", "sphere", "--out", context.folder / "sphere.obj"], ["No space left on device"])
+
+
+rejected_variants("bad-bounds", {
+    # 51 obstacles of about 200,000 triangles
+    "obstacle-triangles": text_scene(
+        SCENE + "".join("  - {mesh: {shape: {revolution: {segments: 512, profile: [[0, 0], [1, 0], "
+                        + ", ".join(f"[1, {0.01 * k:g}]" for k in range(1, 196))
+                        + f", [0, 1.95]]}}}}, pose: {{position: [{i}, 0, -9]}}}}}}\n" for i in range(60)),
+        "obstacle obstacle-", "at most 10000000"),
+    "large-thin-box": text_scene(
+        SCENE.replace("{bar: {size: [0.08, 0.06, 0.08], cells: [2, 2, 2]}}", "{box: {size: [10, 10, 0.0001]}}"),
+        "tool", "0.0001 m thin", "200000"),
+})

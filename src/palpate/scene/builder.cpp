@@ -3,7 +3,6 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <chrono>
 #include <string>
 #include <utility>
 
@@ -19,8 +18,10 @@
 #include "palpate/mesh/surface_io.h"
 #include "palpate/mesh/surface_measures.h"
 #include "palpate/mesh/tetrahedral_io.h"
+#include "palpate/scene/limits.h"
 #include "palpate/scene/method.h"
 #include "palpate/scene/region.h"
+#include "palpate/threads/stage_teller.h"
 
 namespace palpate {
 namespace {
@@ -82,7 +83,9 @@ Handle buildHandle(const ToolConfig& tool, const SimulationMesh& rest, const Bod
   const HandleConfig& config = tool.chosenHandle();
   const RegionConfig region = resolvedRegion(config.region, tool.shape);
   const auto nodes = nodesWhere(rest.mesh.nodes, [&](const Vec3& p) { return contains(region, p); });
-  return handleOnNodes(config.name, nodes, body.mesh().mesh.nodes, body.elasticity().mass(), config.mass,
+  // where none is in it, the message is to speak of the region's own coordinates
+  const std::vector<Vec3>& positions = nodes.empty() ? rest.mesh.nodes : body.mesh().mesh.nodes;
+  return handleOnNodes(config.name, nodes, positions, body.elasticity().mass(), config.mass,
                        config.inertia.value_or(Vec3::Zero()), tool.pose.rotation);
 }
 
@@ -235,21 +238,42 @@ void noteMesh(const BodyConfig& body, const EmbedReport& report, std::vector<std
   }
 }
 
-// Says on stderr once a second how far it is.
-World::SettleProgress tellEachSecond(const std::string& what) {
-  using Clock = std::chrono::steady_clock;
-  return [what, last = Clock::now()](int step, double displacement) mutable {
-    if (Clock::now() - last < std::chrono::seconds(1)) return;
-    last = Clock::now();
-    fmt::print(stderr, "{}: towards rest, step {}, moved {:.2g} mm\n", what, step, 1e3 * displacement);
+World::SettleProgress tellSteps(StageTeller& teller, const std::string& what) {
+  teller.at(what + ": towards rest");
+  return [&teller, what](int step, double displacement) {
+    teller.at(fmt::format("{}: towards rest, step {}, moved {:.2g} mm", what, step, 1e3 * displacement));
   };
 }
 
+/// Counts the triangles of what does not deform, before contact is made ready for them.
+class TriangleBudget {
+ public:
+  /// @param kind  "obstacle" or "body"
+  void spend(const char* kind, const std::string& name, std::size_t triangles) {
+    spent_ += triangles;
+    if (spent_ <= limits::kFixedTriangles) return;
+    throw InputError(fmt::format("{} {}", kind, name), "",
+                     fmt::format("obstacles and rigid bodies have {} triangles up to this one, and may have at most {}",
+                                 spent_, limits::kFixedTriangles));
+  }
+  void spend(const Obstacle& obstacle) {
+    // the same for all of them, and slow to make
+    static const std::size_t kSphere = surfaceOf({SphereShape{}, {}, {}})->triangles.size();
+    if (std::holds_alternative<SphereShape>(obstacle.shape)) return spend("obstacle", obstacle.name, kSphere);
+    if (const auto* mesh = std::get_if<MeshShape>(&obstacle.shape))
+      return spend("obstacle", obstacle.name, mesh->surface.triangles.size());
+    if (const auto surface = surfaceOf(obstacle)) spend("obstacle", obstacle.name, surface->triangles.size());
+  }
+
+ private:
+  std::size_t spent_ = 0;
+};
+
 // One after the other with the rest held still; together only if they lean on each other, as that takes far longer.
-void settle(World& world, const std::vector<int>& bodies, const Pose& device) {
+void settle(World& world, const std::vector<int>& bodies, const Pose& device, StageTeller& teller) {
   bool leaning = false;
   for (auto i = bodies.rbegin(); i != bodies.rend(); ++i) {  // the tool last
-    world.settle({*i}, device, tellEachSecond(world.body(*i).model.name()));
+    world.settle({*i}, device, tellSteps(teller, world.body(*i).model.name()));
     const ContactSet& set = world.contacts();
     for (std::size_t c = 0; c < set.contacts.size(); ++c) {
       const Contact& contact = set.contacts[c];
@@ -257,24 +281,32 @@ void settle(World& world, const std::vector<int>& bodies, const Pose& device) {
                  contact.second.body != contact.first.body;
     }
   }
-  if (leaning && bodies.size() > 1) world.settle(bodies, device, tellEachSecond("bodies together"));
+  if (leaning && bodies.size() > 1) world.settle(bodies, device, tellSteps(teller, "bodies together"));
 }
 
 BuiltScene buildChecked(const SceneConfig& config) {
   BuiltScene out;
+  StageTeller teller;
+  TriangleBudget budget;
   World& world = out.world;
   world.gravity = config.gravity;
   world.link = config.link;
   world.contact = config.contact.settings;
-  for (const ObstacleConfig& o : config.obstacles) world.obstacles.push_back(buildObstacle(o));
+  for (const ObstacleConfig& o : config.obstacles) {
+    teller.at(o.name + ": reading its surface");
+    world.obstacles.push_back(buildObstacle(o));
+    budget.spend(world.obstacles.back());
+  }
 
   const auto add = [&](const BodyConfig& b, const Vec6& velocity, bool tool) {
     EmbedReport report;
+    teller.at(b.name + ": making its mesh");
     const SimulationMesh rest = buildMesh(b, &report);
     SimulationMesh mesh = rest;
     place(mesh, b.pose);
     count(out, mesh);
     noteMesh(b, report, out.notes);
+    teller.at(fmt::format("{}: matrices of {} tetrahedra", b.name, rest.mesh.tetrahedra.size()));
     BodyModel body(b.name, std::move(mesh), b.material, frictionOf(b, config), velocity, elementMaterials(b, rest));
     if (tool) {
       body.hold(buildHandle(config.tool, rest, body));
@@ -292,7 +324,9 @@ BuiltScene buildChecked(const SceneConfig& config) {
     Vec6 velocity;
     velocity << b.velocity, b.angular_velocity;
     if (b.rigid) {
+      teller.at(b.name + ": reading its surface");
       const Surface surface = placed(buildSurface(b.shape), b.pose);
+      budget.spend("body", b.name, surface.triangles.size());
       out.surface_triangles += static_cast<int>(surface.triangles.size());
       world.add(BodyModel::rigid(b.name, surface, b.material.density, frictionOf(b, config), velocity,
                                  b.material.damping_alpha));
@@ -302,7 +336,7 @@ BuiltScene buildChecked(const SceneConfig& config) {
     if (b.settled) settling.push_back(index);
   }
   setFrictionPairs(config, world);
-  settle(world, settling, out.start);
+  settle(world, settling, out.start, teller);
   out.linearization.delassus = delassusOf(config.method);
   out.linearization.derivative = config.derivative == DerivativeName::full ? Derivative::full : Derivative::frozen;
   out.haptic = buildHaptic(config, world);

@@ -25,8 +25,10 @@ struct BuiltScene {
   std::vector<std::string> notes;                        ///< on meshes that are not what the user may expect
 };
 
-/// Makes bodies, obstacles, device and haptic settings of a scene (its files resolved).
-/// @throws InputError for what only the meshes tell: a region without nodes, a surface without volume
+/// Makes bodies, obstacles, device and haptic settings of a scene (its files resolved). Says on standard error what it
+/// is at where that takes longer than a second.
+/// @throws InputError for what only the meshes tell: a region without nodes, a surface without volume, too many
+///         triangles
 BuiltScene buildScene(const SceneConfig& config);
 
 /// A mouse in place of the scene's device: the same mass and hand, the chosen handle's path until somebody takes it.

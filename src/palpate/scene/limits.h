@@ -8,6 +8,8 @@ namespace palpate::limits {
 
 inline constexpr int kTetrahedra = 200000;  ///< of a whole scene
 inline constexpr int kMinTetrahedra = 10;   ///< wanted for an embedded surface
+/// Of all rigid bodies and obstacles: contact takes about 250 bytes each.
+inline constexpr int kFixedTriangles = 10'000'000;
 inline constexpr int kLatency = 100;        ///< visual steps
 inline constexpr double kTicks = 1e7;       ///< haptic ticks in a run
 
