@@ -136,6 +136,8 @@ TEST(Evaluate, WritesEveryKey) {
   EXPECT_EQ(row["method"], "hsl-exact");
   EXPECT_EQ(row["latency"], 1);
   EXPECT_TRUE(row["drag_N"].is_null());
+  EXPECT_NE(studyTable({study}).find("no drag (-)"), std::string::npos) << studyTable({study});
+  EXPECT_NE(studyTable({study}).find("no onset (-)"), std::string::npos);
   EXPECT_TRUE(row["rms_N"].is_number());
   std::stringstream page;
   page << std::ifstream(folder / "report.html").rdbuf();

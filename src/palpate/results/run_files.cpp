@@ -18,6 +18,8 @@
 namespace palpate {
 namespace {
 
+constexpr double kMuchClamped = 0.01;  // share of the ticks that is worth saying
+
 const std::vector<std::string> kMotionColumns{"time_s", "x_m",      "y_m",      "z_m",      "qw",
                                               "qx",     "qy",       "qz",       "vx_m_s",   "vy_m_s",
                                               "vz_m_s", "wx_rad_s", "wy_rad_s", "wz_rad_s", "buttons"};
@@ -191,6 +193,12 @@ struct RunFiles::Impl {
     return flags;
   }
 
+  // Of the ticks in which the device could not give the force asked for.
+  static double clampedShare(const RunOutcome& outcome) {
+    const auto clamped = static_cast<double>(outcome.counters[TickFlag::force_clamped]);
+    return outcome.ticks > 0 ? clamped / static_cast<double>(outcome.ticks) : 0.0;
+  }
+
   nlohmann::ordered_json summary(const BuiltScene& scene, const RunOutcome& outcome) const {
     nlohmann::ordered_json j;
     j["scene"] = config.name;
@@ -216,7 +224,8 @@ struct RunFiles::Impl {
     j["haptic"] = {{"rate_hz", 1.0 / config.haptic_step},
                    {"ticks", outcome.ticks},
                    {"tick_us", {{"p50", outcome.tick_us[0]}, {"p99", outcome.tick_us[1]}, {"max", outcome.tick_us[2]}}},
-                   {"missed", outcome.missed}};
+                   {"missed", outcome.missed},
+                   {"clamped_share", clampedShare(outcome)}};
     if (outcome.realtime) {
       j["haptic"]["wake_us"] = {{"p50", outcome.wake_us[0]}, {"p99", outcome.wake_us[1]}, {"max", outcome.wake_us[2]}};
       j["haptic"]["dropped_rows"] = outcome.dropped_rows;
@@ -390,6 +399,10 @@ void RunFiles::finish(const BuiltScene& scene, const RunOutcome& outcome, const 
   add("deepest penetration", plain({i.maxOf(i.penetration_mm)}), "mm");
   add("force on the hand: peak, RMS",
       plain({i.peak_force, std::sqrt(i.force_squares / static_cast<double>(std::max<std::int64_t>(1, i.ticks)))}), "N");
+  if (const double share = Impl::clampedShare(outcome); share > kMuchClamped) {
+    add(fmt::format("force held at the device's {:g} N", i.config.device.limits.peak_force),
+        fmt::format("{:.1f}", 100 * share), "% of ticks");
+  }
   for (std::size_t k = 0; k < pictures.images.size(); ++k) {
     i.writePng(fmt::format("picture-{}.png", k + 1), pictures.images[k].png);
   }

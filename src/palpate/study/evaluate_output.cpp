@@ -83,6 +83,23 @@ std::vector<std::string> cells(const SceneStudy& study, const StudyRow& row) {
           fmt::format("{:+.4f}", row.returned)};
 }
 
+// Why columns of a study hold dashes; empty where none does.
+std::string dashLine(const SceneStudy& study) {
+  const auto missing = [&](auto member) {
+    return std::any_of(study.rows.begin(), study.rows.end(), [&](const StudyRow& row) { return !(row.*member); });
+  };
+  std::string line;
+  if (study.segments.empty() && missing(&StudyRow::drag)) {
+    line += "; no drag (-), as the hand nowhere moves freely at a steady speed for 0.3 s";
+  }
+  if (!study.contact_time && missing(&StudyRow::onset)) {
+    line += "; no onset (-), as no contact begins in the motion";
+  } else if (missing(&StudyRow::onset)) {
+    line += "; no onset (-) where the force does not rise by a tenth of its peak after the first contact";
+  }
+  return line;
+}
+
 std::string referenceLine(const SceneStudy& study) {
   std::string line =
       fmt::format("{}: reference vc at {:g} ms, latency 0: peak {:.3f} N, returned {:+.4f} J", study.config.name,
@@ -91,7 +108,7 @@ std::string referenceLine(const SceneStudy& study) {
     line += fmt::format("; against half its step RMS {:.4f} N, {:.5f} Nm", study.reference_error->rms_force,
                         study.reference_error->rms_torque);
   }
-  return line;
+  return line + dashLine(study);
 }
 
 /// Every n-th tick.
