@@ -2,6 +2,7 @@
 
 import os
 import re
+import json
 import signal
 import subprocess
 import time
@@ -367,15 +368,28 @@ def interrupted_run_keeps_earlier_results(context):
 
 @case
 def interrupted_study_leaves_nothing(context):
-    """Ctrl-C during evaluate, stress, and the building of a scene."""
+    """Ctrl-C during evaluate, and the building of a scene."""
     scene = context.file("scene.yaml", SCENE)
     soon = time.monotonic() + 0.5
     interrupted(context, ["evaluate", scene, "--duration", "60", "--out", context.out], lambda: time.monotonic() > soon)
-    interrupted(context, ["stress", scene, "--steps", "1000000", "--out", context.out], context.out.exists)
     large = context.file("large.yaml", SCENE.replace(
         "{bar: {size: [0.08, 0.06, 0.08], cells: [2, 2, 2]}}", "{sphere: {radius: 0.05}}\n  tetrahedra: 200000"))
     soon = time.monotonic() + 1
     interrupted(context, ["validate", large], lambda: time.monotonic() > soon)
+
+
+@case
+def interrupted_stress_keeps_what_it_has(context):
+    """Ctrl-C during stress: it judges and writes the steps that it took."""
+    scene = context.file("scene.yaml", SCENE)
+    process = subprocess.Popen([context.program, "stress", scene, "--steps", "1000000", "--out", context.out],
+                               stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    time.sleep(1.0)
+    process.send_signal(signal.SIGINT)
+    process.communicate(timeout=20)
+    expect(process.returncode in (0, 3), f"exit code {process.returncode}")
+    steps = json.loads((context.out / "summary.json").read_text())["steps"]
+    expect(0 < steps < 1000000, f"{steps} steps")
 
 
 @case

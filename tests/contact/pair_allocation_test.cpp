@@ -106,7 +106,7 @@ TEST(SurfaceContactsAllocation, NoneInSteadyState) {
   size_t between = 0, within = 0;
   const auto step = [&](int i) {
     for (int b = 0; b < 3; ++b) contacts.setStart(b, start[static_cast<size_t>(i)][static_cast<size_t>(b)]);
-    contacts.examineOverlaps();
+    contacts.examineOverlaps(false);
     for (int b = 0; b < 3; ++b) contacts.setEnd(b, end[static_cast<size_t>(i)][static_cast<size_t>(b)]);
     found.clear();
     contacts.findOverlapping(settings, friction, found);

@@ -75,7 +75,7 @@ std::vector<Contact> found(SurfaceContacts& s, const Motion& motion, const std::
   const FrictionTable table = friction();
   std::vector<Contact> out;
   for (int b = 0; b < 2; ++b) s.setStart(b, motion.start[static_cast<size_t>(b)]);
-  s.examineOverlaps();
+  s.examineOverlaps(false);
   for (int b = 0; b < 2; ++b) s.setEnd(b, motion.predicted[static_cast<size_t>(b)]);
   s.findOverlapping(settings, table, out);
   for (const Contact& c : followed) s.follow(c, settings, table, out);

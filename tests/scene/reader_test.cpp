@@ -419,6 +419,7 @@ const BadChange kBadRanges[] = {
 };
 
 const BadChange kBadContact[] = {
+    {"substeps: 3", "budget: 0", "visual.budget (", "above 0"},
     {"substeps: 3", "substeps: 0", "visual.substeps (", "at least 1 and at most 1000"},
     {"substeps: 3", "substeps: 2.5", "visual.substeps (", "2.5 is not a whole number"},
     {"substeps: 3", "substeps: many", "visual.substeps (", "\"many\" is neither auto nor a number"},

@@ -110,6 +110,28 @@ TEST(SelfContact, ArmsOfAHookMeetAndAreFelt) {
   EXPECT_GT(with.end_height, without.end_height + 0.003);
 }
 
+// What passes through itself is let go until it is apart again: contact would hold it as it is.
+TEST(SelfContact, TangleComesApart) {
+  Hook hook(true);
+  const Pose start = hook.world.tool().state.handle.pose;
+  BodyState tangled = hook.world.tool().state;
+  const VecX rest = tangled.positions;
+  for (const auto& t : hook.upper) {
+    for (const int v : t) {
+      const EmbeddedPoint& e = hook.world.tool().model.mesh().embedding[v];
+      for (const int n : hook.world.tool().model.mesh().mesh.tetrahedra[e.tetrahedron]) {
+        if (hook.world.tool().model.row()[n] < 0) continue;
+        tangled.positions[3 * n + 2] = rest[3 * n + 2] - 0.02;
+      }
+    }
+  }
+  hook.world.setBody(hook.world.toolIndex(), tangled);
+  ASSERT_GT(hook.crossing(), 0);
+  for (int n = 0; n < 90; ++n) ASSERT_NE(hook.world.step({start, Vec6::Zero()}, 0.033).status, StepStatus::restored);
+  EXPECT_EQ(hook.crossing(), 0);
+  EXPECT_LT((hook.world.tool().state.positions - rest).lpNorm<Eigen::Infinity>(), 0.002);
+}
+
 // --- sheet
 
 Obstacle sheet() {

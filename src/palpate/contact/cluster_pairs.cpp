@@ -10,6 +10,11 @@ namespace palpate {
 
 // Tests the clusters that meet, part by part, and leaves them to the front.
 void SurfacePairFinder::testMeetingClusters(PairSearch& s) {
+  tested_ += static_cast<double>(meeting_.size());
+  if (gave_up_) {
+    meeting_.clear();
+    return;
+  }
   makeTriangleBoxes(s);
   const int count = static_cast<int>(meeting_.size()), parts = std::min(count, kMostParts);
   workspace_.resize(kMostParts);

@@ -8,6 +8,7 @@
 #include "palpate/common/parallel.h"
 #include "palpate/contact/feature_distance.h"
 #include "palpate/contact/neighbor_exclusion.h"
+#include "palpate/contact/self_intersections.h"
 
 namespace palpate {
 namespace {
@@ -236,25 +237,62 @@ void SurfaceContacts::refit(Item& item) {
 
 void SurfaceContacts::recheckOverlaps() {
   for (PairState& p : pairs_) p.may_overlap = true;
+  for (Item& item : items_) item.tangled = item.self;
 }
 
 SurfaceContactsState SurfaceContacts::state() const {
   SurfaceContactsState out;
   for (const PairState& p : pairs_) out.may_overlap.push_back(p.may_overlap ? 1 : 0);
+  for (const Item& item : items_) out.tangled.push_back(item.tangled ? 1 : 0);
   return out;
 }
 
 void SurfaceContacts::restore(const SurfaceContactsState& state) {
-  if (state.may_overlap.size() != pairs_.size())
+  if (state.may_overlap.size() != pairs_.size() || state.tangled.size() != items_.size())
     throw std::invalid_argument("SurfaceContacts::restore: another number of surfaces");
   for (std::size_t i = 0; i < pairs_.size(); ++i) {
     pairs_[i].may_overlap = state.may_overlap[i] != 0;
     pairs_[i].points.clear();  // examineOverlaps() finds those of pairs that may overlap
   }
+  for (std::size_t i = 0; i < items_.size(); ++i) items_[i].tangled = state.tangled[i] != 0;
 }
 
-void SurfaceContacts::examineOverlaps() {
+void SurfaceContacts::findTangle(Item& item) {
+  refit(item);
+  crossings_.clear();
+  findSelfIntersections(item.surface, crossings_);
+  item.tangled = false;
+  item.crossed.assign(item.surface.start.size(), 0);
+  for (const auto& [t, u] : crossings_) {
+    const auto& first = item.surface.triangles()[static_cast<std::size_t>(t)];
+    const auto& second = item.surface.triangles()[static_cast<std::size_t>(u)];
+    if (item.exclusion.excludes(first, second)) continue;  // never a contact
+    item.tangled = true;
+    for (const auto* triangle : {&first, &second}) {
+      for (const int v : *triangle) item.crossed[static_cast<std::size_t>(v)] = 1;
+    }
+  }
+}
+
+// Contact of what passes through itself, at the crossing or from within.
+bool SurfaceContacts::inTangle(const Item& item, const FeaturePair& pair) {
+  if (!item.tangled) return false;
+  const auto crossed = [&](const std::array<int, 3>& vertices) {
+    return std::any_of(vertices.begin(), vertices.end(),
+                       [&](int v) { return v >= 0 && item.crossed[static_cast<std::size_t>(v)] != 0; });
+  };
+  return pair.from_inside || (crossed(pair.first_vertex) && crossed(pair.second_vertex));
+}
+
+bool SurfaceContacts::tangled() const {
+  return std::any_of(items_.begin(), items_.end(), [](const Item& item) { return item.tangled; });
+}
+
+void SurfaceContacts::examineOverlaps(bool trouble) {
   overlap_ = 0;
+  for (Item& item : items_) {
+    if (item.self && (trouble || item.tangled)) findTangle(item);
+  }
   for (std::size_t b = 1; b < items_.size(); ++b) {
     for (std::size_t a = 0; a < b; ++a) {
       PairState& state = pair(a, b);
@@ -432,6 +470,7 @@ void SurfaceContacts::follow(const Contact& earlier, const ContactSettings& sett
   Item& a = items_[ia];
   Item& b = items_[ib];
   FeaturePair pair = pairAtStart(f, a.surface, b.surface);
+  if (ia == ib && inTangle(a, pair)) return;
   const double distance = pair.start_distance;
   if (!(distance < settings.surfaceReach()) || !(distance > 1e-3 * settings.thickness)) return;
   // turned far since: another side of the features, which has pairs of its own
@@ -488,6 +527,7 @@ void SurfaceContacts::find(const ContactSettings& settings, const FrictionTable&
       finder_.findSelf(items_[b].surface, items_[b].exclusion, reach, found_, &items_[b].front);
       const double mu = friction(id(items_[b]), id(items_[b]));
       keepDependable();
+      std::erase_if(found_, [&](const FeaturePair& p) { return inTangle(items_[b], p); });
       for (const FeaturePair& p : found_) add(b, b, p, settings, mu, false, out);
     }
     for (std::size_t a = 0; a < b; ++a) {

@@ -19,6 +19,8 @@ namespace palpate {
 struct SurfaceContactsState {
   /// One a pair of surfaces: 0 where they were seen apart, since when contact keeps them so; overlap is not looked for.
   std::vector<char> may_overlap;
+  /// One a surface: 1 where it was last seen to pass through itself.
+  std::vector<char> tangled;
   bool operator==(const SurfaceContactsState&) const = default;
 };
 
@@ -37,9 +39,14 @@ class SurfaceContacts {
   /// Node positions at the start of the step, and at the end that is to be examined; start must come first.
   void setStart(int body, const VecX& x);
   void setEnd(int body, const VecX& x);
-  /// Before the first find() of a step: looks for surfaces that start inside each other, among pairs that may.
-  void examineOverlaps();
-  /// Pairs that were seen apart are examined for overlap again (after positions were set from outside).
+  /// Before the first find() of a step: looks for surfaces that start inside each other, among pairs that may; and,
+  /// after trouble or as long as there are some, for places where a surface passes through itself. Contact there would
+  /// keep it so: it is left out until elasticity has pulled it apart.
+  /// @param trouble  the steps before could not keep what they should
+  void examineOverlaps(bool trouble);
+  bool tangled() const;  ///< a surface passes through itself at the start
+  /// Pairs that were seen apart are examined for overlap again, and surfaces for passing through themselves (after
+  /// positions were set from outside).
   void recheckOverlaps();
 
   /// Between two steps. restore() is cheap, and setStart() then takes any positions: fronts of earlier searches stay.
@@ -50,6 +57,11 @@ class SurfaceContacts {
 
   /// Candidates along the motion from the present start to the present end; appends.
   void find(const ContactSettings& settings, const FrictionTable& friction, std::vector<Contact>& out);
+  /// What searches from now on may cost together, and what they did [floating-point operations, about].
+  void allow(double operations) { finder_.allow(operations / kOperations); }
+  double operations() const { return kOperations * finder_.tested(); }
+  /// A search was given up since allow(): what it found is not complete.
+  bool gaveUp() const { return finder_.gaveUp(); }
   /// Points of surfaces that start inside each other, as examineOverlaps() found them; appends.
   void findOverlapping(const ContactSettings& settings, const FrictionTable& friction, std::vector<Contact>& out);
   /// The same features as in an earlier step, where they now are, if they are within reach; appends. Which of the pairs
@@ -60,21 +72,24 @@ class SurfaceContacts {
   double overlap() const { return overlap_; }
 
  private:
+  static constexpr double kOperations = 2e4;  // a pair of clusters
   struct Item {
     int body = -1;  // -1: fixed
     int obstacle = -1;
     bool self = false;
     CollisionSurface surface;
     SelfExclusion exclusion;
-    EmbeddingMap embedding;    // of the vertices
-    std::vector<int> patch;    // of each vertex: what moves affinely
-    double extension = 1;      // largest sum of a vertex's absolute weights
-    VecX start, end;           // node positions
-    bool end_placed = true;    // the surface's end is that of the nodes
-    bool end_bounded = false;  // and so are its bounds
-    bool stale = false;        // boxes are older than positions
-    MotionBounds moved;        // of the starts, since the last search
-    PairFront front;           // of self-contact
+    bool tangled = false;
+    std::vector<char> crossed;  // vertices of triangles that pass through each other, while it is tangled
+    EmbeddingMap embedding;     // of the vertices
+    std::vector<int> patch;     // of each vertex: what moves affinely
+    double extension = 1;       // largest sum of a vertex's absolute weights
+    VecX start, end;            // node positions
+    bool end_placed = true;     // the surface's end is that of the nodes
+    bool end_bounded = false;   // and so are its bounds
+    bool stale = false;         // boxes are older than positions
+    MotionBounds moved;         // of the starts, since the last search
+    PairFront front;            // of self-contact
   };
   struct PairState {
     bool may_overlap = true;
@@ -97,6 +112,8 @@ class SurfaceContacts {
   void add(std::size_t ia, std::size_t ib, const FeaturePair& pair, const ContactSettings& settings, double mu,
            bool overlapping, std::vector<Contact>& out);
   void keepDependable();
+  void findTangle(Item& item);
+  static bool inTangle(const Item& item, const FeaturePair& pair);
   void addOverlap(std::size_t ia, std::size_t ib, const OverlapPoint& overlap, const ContactSettings& settings,
                   double mu, std::vector<Contact>& out);
 
@@ -104,6 +121,7 @@ class SurfaceContacts {
   std::vector<PairState> pairs_;
   SurfacePairFinder finder_;
   std::vector<FeaturePair> found_;
+  std::vector<std::array<int, 2>> crossings_;
   Corners nodes_;  // padded, while vertices are placed
   double overlap_ = 0;
 };

@@ -46,6 +46,7 @@ void SurfacePairFinder::search(PairSearch& s) {
           ? static_cast<int>(std::clamp(std::ceil(0.5 * ratio), 1.0, static_cast<double>(settings_.max_pieces)))
           : 1;
   meeting_.clear();
+  PairFront* const front = s.front;
   if (s.front != nullptr && pieces == 1) {
     continueFrom(*s.front, s);
     testMeetingClusters(s);
@@ -56,9 +57,10 @@ void SurfacePairFinder::search(PairSearch& s) {
       s.to = static_cast<double>(i + 1) / pieces;
       descendFromRoots(s);
       testMeetingClusters(s);
-      if (s.first_hit <= s.to) break;
+      if (s.first_hit <= s.to || gave_up_) break;
     }
   }
+  if (gave_up_ && front != nullptr) front->forget();
   // each pair of features comes once
   std::sort(s.out->begin() + static_cast<std::ptrdiff_t>(begin), s.out->end(),
             [](const FeaturePair& p, const FeaturePair& q) {
@@ -99,10 +101,15 @@ void SurfacePairFinder::descendFromRoots(PairSearch& s) {
   }
 }
 
+bool SurfacePairFinder::tooMany() {
+  gave_up_ = gave_up_ || tested_ + static_cast<double>(meeting_.size()) > allowed_;
+  return gave_up_;
+}
+
 void SurfacePairFinder::descend(PairSearch& s, NodePair root) {
   stack_.clear();
   stack_.push_back(root);
-  while (!stack_.empty()) {
+  while (!stack_.empty() && !tooMany()) {
     const NodePair p = stack_.back();
     stack_.pop_back();
     if (!visit(s, p)) continue;

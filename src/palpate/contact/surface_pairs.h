@@ -1,6 +1,7 @@
 #pragma once
 
 #include <array>
+#include <limits>
 #include <vector>
 
 #include "palpate/contact/collision_surface.h"
@@ -42,6 +43,16 @@ class SurfacePairFinder {
   void findSelf(const CollisionSurface& a, const SelfExclusion& exclusion, double reach, std::vector<FeaturePair>& out,
                 PairFront* front = nullptr);
 
+  /// Gives up searches once more pairs of clusters meet, those of all of them from now on counted together: where the
+  /// motion is so wild that all may meet all. What was found is then not complete.
+  void allow(double clusters) {
+    allowed_ = clusters;
+    tested_ = 0;
+    gave_up_ = false;
+  }
+  double tested() const { return tested_; }  ///< pairs of clusters since allow()
+  bool gaveUp() const { return gave_up_; }   ///< since allow()
+
  private:
   using NodePair = PairFront::NodePair;
   struct Local {  // triangle of a cluster pair, with its box at hand
@@ -74,7 +85,10 @@ class SurfacePairFinder {
   void testTriangles(PairSearch& s, const Local& a, const Local& b);
 
   static constexpr int kMostParts = 64;
+  bool tooMany();
   PairSettings settings_;
+  double allowed_ = std::numeric_limits<double>::infinity(), tested_ = 0;
+  bool gave_up_ = false;
   std::vector<NodePair> stack_;
   std::vector<Meeting> meeting_;
   std::vector<int> without_boxes_a_, without_boxes_b_;  // clusters whose triangles need boxes

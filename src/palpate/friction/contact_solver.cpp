@@ -653,7 +653,7 @@ ContactSolverReport ContactSolver::solve(const ContactProblem& problem, const Co
     report.residual = kInfinity;
     return report;
   }
-  report.converged = true;
+  report.converged = report.to_tolerance = true;
   if (m == 0) {
     lambda.resize(0);
     status.clear();
@@ -672,6 +672,8 @@ ContactSolverReport ContactSolver::solve(const ContactProblem& problem, const Co
         parts_[k].gatherAndSolve(problem, &order_[part_start_[k]], part_start_[k + 1] - part_start_[k], settings, scale,
                                  mean_scale, lambda, status);
     report.converged = report.converged && part.converged;
+    report.to_tolerance = report.to_tolerance && part.to_tolerance;
+    report.operations += part.operations;
     report.iterations = std::max(report.iterations, part.iterations);
     report.residual = std::max(report.residual, part.residual);
   }
@@ -723,6 +725,8 @@ ContactSolverReport ContactSolver::solvePart(const ContactProblem& problem, cons
   updateVelocity(problem, lambda_, w_);
   if (!(residual(problem) <= goal)) makePassive(problem, goal);
   report.residual = residual(problem);
+  report.operations = work.operations;
+  report.to_tolerance = report.residual <= goal;
   report.converged = report.residual <= std::max(goal, settings.acceptable * scale);
   lambda = lambda_;
   status = status_;

@@ -56,9 +56,14 @@ struct ContactSolverSettings {
 };
 
 struct ContactSolverReport {
-  bool converged = false;
+  bool converged = false;     ///< to what will do
+  bool to_tolerance = false;  ///< to the tolerance
   int iterations = 0;
+  double operations = 0;  ///< work, as ContactSolverSettings::max_operations counts it
   double residual = 0.0;  ///< largest violation of the contact law, as a velocity [m/s]
+
+  /// Where there was nothing to solve.
+  static constexpr ContactSolverReport nothing() { return {true, true, 0, 0.0, 0.0}; }
 };
 
 /// Unit vector to vertex `index` of the linearized cone's cross-section, in contact coordinates (normal, first, second

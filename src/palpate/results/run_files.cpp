@@ -53,7 +53,11 @@ const std::vector<std::string> kVisualColumns{"time_s",
                                               "passes",
                                               "kinetic_energy_J",
                                               "elastic_energy_J",
-                                              "status"};
+                                              "status",
+                                              "motion_share",
+                                              "redone",
+                                              "converged",
+                                              "energy_made_J"};
 const std::vector<std::string> kTimingColumns{"time_s",       "step_ms",          "assemble_ms",
                                               "factorize_ms", "solve_ms",         "contact_ms",
                                               "advance_ms",   "linearization_ms", "lateness_ms"};
@@ -156,6 +160,7 @@ struct RunFiles::Impl {
         .cell(r.step.sliding);
     visual.cell(r.step.penetration).cell(r.step.solver_iterations).cell(r.step.solver_residual).cell(r.step.passes);
     visual.cell(r.step.kinetic_energy).cell(r.step.elastic_energy).cell(statusName(r.step.status));
+    visual.cell(r.step.motion_share).cell(r.step.redone).cell(r.step.converged ? 1 : 0).cell(r.step.energy_made);
     visual.endRow();
     const double total = r.step.times.total() + r.linearization_s;
     timing.cell(r.time);
@@ -180,6 +185,10 @@ struct RunFiles::Impl {
     }
     if (r.step.status == StepStatus::restored) ++restored;
     if (r.step.status == StepStatus::contact_not_converged) ++not_converged;
+    if (r.step.redone > 0) ++redone;
+    if (r.step.motion_share < 1) ++cut;
+    least_share = std::min(least_share, r.step.motion_share);
+    energy_made += r.step.energy_made;
     if (1e-3 * step_ms.back() > config.visual_step) ++overruns;
   }
 
@@ -216,11 +225,16 @@ struct RunFiles::Impl {
                    {"steps", step_ms.size()},
                    {"median_ms", percentile(step_ms, 0.5)},
                    {"p95_ms", percentile(step_ms, 0.95)},
+                   {"p99_9_ms", percentile(step_ms, 0.999)},
                    {"max_ms", maxOf(step_ms)},
                    {"median_contact_ms", percentile(step_ms_contact, 0.5)},
                    {"overruns", overruns},
                    {"restored", restored},
-                   {"not_converged", not_converged}};
+                   {"not_converged", not_converged},
+                   {"redone", redone},
+                   {"cut", cut},
+                   {"least_motion_share", least_share},
+                   {"energy_made_J", energy_made}};
     j["haptic"] = {{"rate_hz", 1.0 / config.haptic_step},
                    {"ticks", outcome.ticks},
                    {"tick_us", {{"p50", outcome.tick_us[0]}, {"p99", outcome.tick_us[1]}, {"max", outcome.tick_us[2]}}},
@@ -348,7 +362,8 @@ struct RunFiles::Impl {
   std::int64_t ticks = 0;
   std::int64_t plot_stride = 1;
   double peak_force = 0, force_squares = 0, max_residual = 0;
-  int restored = 0, not_converged = 0, overruns = 0;
+  int restored = 0, not_converged = 0, overruns = 0, redone = 0, cut = 0;
+  double least_share = 1, energy_made = 0;
   std::vector<double> plot_time;
   std::vector<Vec6> plot_raw, plot_sent;
   std::vector<Vec3> plot_device, plot_proxy;

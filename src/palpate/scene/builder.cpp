@@ -183,6 +183,12 @@ SimulationMesh buildMesh(const BodyConfig& config, EmbedReport* report) {
 
 namespace {
 
+// What a visual step may cost: no more than a hand can go without, but what a hard one needs. A fine step, as those of
+// a reference, is not to be cut short [s].
+double stepBudget(const SceneConfig& config) {
+  return config.visual_budget.value_or(std::max(3.0 * config.visual_step, 0.02));
+}
+
 double frictionOf(const BodyConfig& body, const SceneConfig& config) {
   return body.friction.value_or(config.contact.friction);
 }
@@ -292,6 +298,7 @@ BuiltScene buildChecked(const SceneConfig& config) {
   world.gravity = config.gravity;
   world.link = config.link;
   world.contact = config.contact.settings;
+  world.budget = StepBudget::counted(stepBudget(config));
   for (const ObstacleConfig& o : config.obstacles) {
     teller.at(o.name + ": reading its surface");
     world.obstacles.push_back(buildObstacle(o));

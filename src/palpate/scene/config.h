@@ -254,13 +254,14 @@ struct SceneConfig {
   std::filesystem::path file;  ///< where it was read from
   std::string name;
   std::string description;
-  Vec3 gravity{0.0, 0.0, -9.81};  ///< [m/s^2]
-  double duration = 10.0;         ///< [s]
-  double visual_step = 0.033;     ///< [s], ticksPerStep() times haptic_step
-  int substeps = 1;               ///< equal parts in which a visual step is taken
-  bool substeps_auto = false;     ///< as many as fit the time; `substeps` is 1 then
-  double haptic_step = 0.001;     ///< [s]
-  int latency = 1;                ///< visual steps until a step's result reaches the haptic loop
+  Vec3 gravity{0.0, 0.0, -9.81};        ///< [m/s^2]
+  double duration = 10.0;               ///< [s]
+  double visual_step = 0.033;           ///< [s], ticksPerStep() times haptic_step
+  std::optional<double> visual_budget;  ///< what a visual step may cost [s]; absent: stepBudget()
+  int substeps = 1;                     ///< equal parts in which a visual step is taken
+  bool substeps_auto = false;           ///< as many as fit the time; `substeps` is 1 then
+  double haptic_step = 0.001;           ///< [s]
+  int latency = 1;                      ///< visual steps until a step's result reaches the haptic loop
   MethodName method = MethodName::hsl;
   AimName aim = AimName::sample;
   DerivativeName derivative = DerivativeName::frozen;

@@ -98,7 +98,8 @@ void readSubsteps(const Value& value, SceneConfig& config) {
 std::vector<Field> runFields(SceneConfig& config) {
   const auto readVisual = [&config](const Value& value) {
     value.fields({required(numberField("step", config.visual_step, limits::kVisualStep)),
-                  {"substeps", [&config](const Value& v) { readSubsteps(v, config); }}});
+                  {"substeps", [&config](const Value& v) { readSubsteps(v, config); }},
+                  numberField("budget", config.visual_budget, Range::positive(1000.0, "s"))});
   };
   const auto readHaptic = [&config](const Value& value) {
     value.fields({required(numberField("step", config.haptic_step, limits::kHapticStep))});

@@ -86,6 +86,8 @@ bool RealtimeLoops::leavesRoom(const Executor* executor) const {
 }
 
 void RealtimeLoops::runVisual(double speed, double origin, Executor* executor) {
+  constexpr double kShare = 0.8;  // of a visual step that a hard one may use up before it ends early
+  scene_.world.budget.seconds = kShare * timing_.visual_step / speed;
   PeriodicClock clock(timing_.visual_step / speed);
   clock.start(start_);
   while (!stop_.load(std::memory_order_relaxed) && !haptic_done_.load(std::memory_order_acquire)) {

@@ -10,15 +10,10 @@
 #include "palpate/rigid/link.h"
 #include "palpate/simulation/body_model.h"
 #include "palpate/simulation/body_state.h"
+#include "palpate/simulation/device_target.h"
 #include "palpate/simulation/row_selection.h"
 
 namespace palpate {
-
-/// What the visual handle is pulled towards during a step: the device's sample, or where it is predicted to be.
-struct DeviceTarget {
-  Pose pose;
-  Vec6 twist = Vec6::Zero();
-};
 
 /// Given for one step.
 struct StepInput {
@@ -75,6 +70,10 @@ class BodySystem {
   /// @param changed   one a contact: whether it is new or another one since that call
   void contactRows(const std::vector<Contact>& contacts, int self, const std::vector<char>& changed,
                    BodyContactRows& rows);
+  /// About what factorize() costs, and what the last contactRows() did for these rows [floating-point operations].
+  double factorOperations() const { return model_->free().empty() ? 0.0 : factor_.statistics().flops; }
+  double contactOperations(const BodyContactRows& rows) const;
+
   /// Adds J v of the given contacts to the row velocities of all contacts, for the free motion.
   void addFreeRowVelocity(const std::vector<Contact>& contacts, const ContactRows& own, int self, VecX& velocity) const;
   /// J v of this body's rows for velocities of its free nodes [3 free x columns]: [rows of own x columns].
@@ -82,15 +81,31 @@ class BodySystem {
   /// End velocities under contact impulses lambda [rows of all contacts].
   void applyImpulse(const std::vector<Contact>& contacts, const BodyContactRows& rows, int self, const VecX& lambda);
   /// Node positions at the end of the step, for the present end velocities.
-  /// @param share  of the step, in [0, 1]: how far along its motion
-  void endPositions(VecX& x, double share = 1.0) const;
+  void endPositions(VecX& x) const;
+  /// How much motion the end velocities are: root of twice their kinetic energy [kg^1/2 m/s].
+  double motion() const;
+  /// Where contact is not solved but stopped, a point has the masses of its nodes alone. Its end velocity [m/s], the
+  /// inverse mass with which it meets an impulse [1/kg], and that impulse [N s] upon the end velocities.
+  Vec3 pointVelocity(const ContactPoint& point) const;
+  Mat3 pointInverseMass(const ContactPoint& point) const;
+  void pushPoint(const ContactPoint& point, const Vec3& impulse);
+  /// Of a node, attached or free [m/s]; setting is for free ones.
+  Vec3 nodeEndVelocity(int node) const {
+    return row(node) >= 0 ? Vec3(v_end_.segment<3>(3 * row(node))) : Vec3(jacobian(node) * u_end_);
+  }
+  void setNodeEndVelocity(int node, const Vec3& v) { v_end_.segment<3>(3 * row(node)) = v; }
+  void stopHandle() { u_end_.setZero(); }
+  /// Stops all motion.
+  void stop();
   /// Where the end of the step leaves a point, beside where h times its velocity row would [m]: the attached nodes'
   /// arcs.
   Vec3 arcOffset(const ContactPoint& point, const VecX& x_end) const;
   bool endIsFinite() const { return v_end_.allFinite() && u_end_.allFinite(); }
-  /// Writes the end of the step, or of a part of its motion, into the state that the step started from.
+  /// Writes the end of the step into the state that it started from.
   /// @returns false (state unchanged) if it is not finite
-  bool advance(double share = 1.0);
+  bool advance();
+  /// Undoes advance().
+  void retreat();
   /// Elastic energy of a state [J]. Where the next step starts from the same state, it needs no rotations and forces of
   /// its own any more.
   double elasticEnergy(const BodyState& state) {
@@ -132,6 +147,7 @@ class BodySystem {
   void assembleHandle();
   Vec6 handleWrench() const;
   void addLink(Vec6& wrench);
+  Eigen::Matrix<double, 3, 6> attachedJacobian(const ContactPoint& point) const;
   void nodeVelocity(const ContactPoint& point, const VecX& v, const Vec6& u, Vec3& out) const;
   bool addImpulses(const std::vector<Contact>& contacts, const ContactRows& own, int self, const VecX& impulse,
                    Vec6& on_handle);

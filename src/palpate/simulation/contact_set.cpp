@@ -15,7 +15,8 @@ void ContactSet::begin(const std::vector<int>& moving) {
     own.contacts.clear();
     own.known = 0;
   }
-  solver = {true, 0, 0.0};
+  solver = ContactSolverReport::nothing();
+  given_up = false;
   passes = 0;
   candidates = 0;
   penetration = 0;

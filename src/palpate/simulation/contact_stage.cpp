@@ -2,14 +2,17 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <tuple>
 
 namespace palpate {
 namespace {
 
-constexpr double kFarOff = 0.1;      // thicknesses that a residual may mean in a step
-constexpr double kDeep = 0.5;        // thicknesses below a plane at which a motion is cut short
-constexpr double kLargestArc = 5.0;  // thicknesses by which a gap is corrected for the handle's turning
+constexpr double kFarOff = 0.1;           // thicknesses that a residual may mean in a step
+constexpr int kLastPasses = 4;            // in a try whose end is limited in any case
+constexpr double kLeastOperations = 1e6;  // of a solve, also where nothing is left: a tenth of a millisecond
+constexpr double kDeep = 0.5;             // thicknesses below a plane at which a motion is cut short
+constexpr double kLargestArc = 5.0;       // thicknesses by which a gap is corrected for the handle's turning
 
 const ContactFinder& finderOf(const BodySystem& body) { return body.model().contactFinder(); }
 
@@ -38,16 +41,24 @@ bool ContactStage::solve(const MovingBodies& bodies, const ContactInput& input, 
   propose(bodies, input, memory);
   choose(bodies, settings, memory);
   int iterations = 0;
+  double systems = 0;
+  for (int b = 0; b < bodies.size(); ++b) systems += bodies[b].factorOperations();
+  const WorkShare work(input.work, input.share, systems);
   for (;;) {
     if (!set_.contacts.empty()) {
-      if (!solvePass(bodies, settings, memory)) return false;
+      if (!solvePass(bodies, input, work, memory)) return false;
       iterations += set_.solver.iterations;
     }
-    search(bodies, input);
+    if (!search(bodies, input, work)) {
+      set_.given_up = true;
+      break;
+    }
     judge(settings);
     // a solution that is far off says nothing about what else would touch
     const bool far_off = !set_.solver.converged && set_.solver.residual * h > kFarOff * settings.thickness;
-    if (far_off || set_.passes >= settings.max_passes || !addViolated()) break;
+    if (far_off || work.left() <= 0 || set_.passes >= (input.share > 0 ? settings.max_passes : kLastPasses) ||
+        !addViolated())
+      break;
   }
   if (set_.contacts.empty()) set_.islands.clear();
   set_.candidates = std::max(set_.candidates, static_cast<int>(candidates_.size()));
@@ -110,11 +121,18 @@ void ContactStage::followLoaded(const MovingBodies& bodies, const ContactInput& 
   }
 }
 
-// Everything along the motion to the present end velocities.
-void ContactStage::search(const MovingBodies& bodies, const ContactInput& input) {
+// Everything along the motion to the present end velocities. @returns false if it was given up, which a last try never
+// is
+bool ContactStage::search(const MovingBodies& bodies, const ContactInput& input, const WorkShare& work) {
   findOnPlanes(bodies, input, 0.0);
-  if (input.surfaces.active()) input.surfaces.find(input.settings, input.friction, candidates_);
+  if (input.surfaces.active()) {
+    input.surfaces.allow(input.share > 0 ? work.left() : std::numeric_limits<double>::infinity());
+    input.surfaces.find(input.settings, input.friction, candidates_);
+    input.work.spend(input.surfaces.operations());
+    if (input.surfaces.gaveUp()) return false;
+  }
   correctForTurning(bodies, kLargestArc * input.settings.thickness);
+  return true;
 }
 
 // The handle's nodes go round on arcs, their velocity rows straight on: what an arc ends beside the straight line is
@@ -220,8 +238,10 @@ void ContactStage::judge(const ContactSettings& settings) {
 }
 
 // W, the impulses of the present contacts, and the end velocities under them.
-bool ContactStage::solvePass(const MovingBodies& bodies, const ContactSettings& settings, const ContactMemory& memory) {
+bool ContactStage::solvePass(const MovingBodies& bodies, const ContactInput& input, const WorkShare& work,
+                             const ContactMemory& memory) {
   const double h = bodies[0].input().step;
+  ContactSettings settings = input.settings;
   ++set_.passes;
   capRecovery(h, settings.max_recovery_speed);
   listByBody(set_.contacts, bodies, set_.rows);
@@ -232,13 +252,16 @@ bool ContactStage::solvePass(const MovingBodies& bodies, const ContactSettings& 
   islands_.findIslands(bodies, changed_, set_);
   set_.free.setZero(static_cast<Eigen::Index>(3 * set_.contacts.size()));
   bodies.forEach([&](int b) { bodies[b].contactRows(set_.contacts, bodies.index(b), changed_, set_.rows[b]); });
+  for (int b = 0; b < bodies.size(); ++b) input.work.spend(bodies[b].contactOperations(set_.rows[b]));
   for (int b = 0; b < bodies.size(); ++b) {  // in this order: bodies share contacts
     bodies[b].addFreeRowVelocity(set_.contacts, set_.rows[b], bodies.index(b), set_.free);
   }
   warmStart(h, memory);
   double scale = set_.free.lpNorm<Eigen::Infinity>();
   for (const Contact& c : set_.contacts) scale = std::max(scale, std::abs(c.gap) / h);
+  settings.solver.max_operations = std::min(settings.solver.max_operations, std::max(work.left(), kLeastOperations));
   islands_.solve(h, scale, settings, set_);
+  input.work.spend(set_.solver.operations);
   bodies.forEach([&](int b) {
     if (!islands_.keptFor(set_.rows[b], set_)) {
       bodies[b].applyImpulse(set_.contacts, set_.rows[b], bodies.index(b), set_.impulse);
@@ -343,42 +366,74 @@ void ContactStage::stopAtPlanes(const MovingBodies& bodies, const ContactInput& 
   }
 }
 
-constexpr int kLimitRounds = 12;
-constexpr int kPatientRounds = 6;  // after these a motion is cut by more than the impact asks
+constexpr int kLimitRounds = 24;
+constexpr int kPointRounds = 6;   // after these the features move as one, not only where they are nearest now
+constexpr int kLocalRounds = 22;  // after these the whole body stops
 
-// Ends the motion of bodies that would cross where they meet. @returns whether any would
-bool ContactStage::shortenCrossing(const MovingBodies& bodies, int round, std::vector<double>& share) {
-  next_share_ = share;
+// Makes a pair that would cross come no nearer than where it meets, by an impulse on its nodes as free masses.
+void ContactStage::holdBack(const MovingBodies& bodies, const Contact& c) {
+  const int first = bodies.slot(c.first), second = bodies.slot(c.second);
+  Vec3 approach = Vec3::Zero();
+  Mat3 w = Mat3::Zero();
+  if (first >= 0) {
+    approach += bodies[first].pointVelocity(c.first);
+    w += bodies[first].pointInverseMass(c.first);
+  }
+  if (second >= 0) {
+    approach -= bodies[second].pointVelocity(c.second);
+    w += bodies[second].pointInverseMass(c.second);
+  }
+  approach = std::min(approach.dot(c.normal), 0.0) * c.normal;
+  const Vec3 impulse = w.ldlt().solve((0.9 * c.impact_time - 1.0) * approach);
+  if (!impulse.allFinite()) return;
+  if (first >= 0) bodies[first].pushPoint(c.first, impulse);
+  if (second >= 0) bodies[second].pushPoint(c.second, -impulse);
+}
+
+// @returns whether anything would cross
+bool ContactStage::holdBackCrossing(const MovingBodies& bodies, int round) {
   bool crossing = false;
+  if (round == 0) zones_.clear();
   for (const Contact& c : candidates_) {
     if (!c.crosses()) continue;
     crossing = true;
-    double factor = round < kPatientRounds ? c.impact_time : 0.5 * c.impact_time;
-    if (round == kLimitRounds) factor = 0;
-    for (const ContactPoint* point : {&c.first, &c.second}) {
-      const int b = bodies.slot(*point);
-      if (b >= 0) next_share_[b] = std::min(next_share_[b], factor * share[b]);
+    if (round < kPointRounds) {
+      holdBack(bodies, c);
+    } else if (round < kLocalRounds) {
+      zones_.join(bodies, c);
+    } else {
+      for (const ContactPoint* point : {&c.first, &c.second}) {
+        if (bodies.slot(*point) >= 0) bodies[bodies.slot(*point)].stop();
+      }
     }
   }
-  share.swap(next_share_);
+  if (crossing && round >= kPointRounds && round < kLocalRounds) zones_.apply(bodies);
   return crossing;
 }
 
-// Cuts motions short, of the bodies that would cross, until nothing crosses. The cut path is examined again: a handle
-// that turns does not end on the straight way to where it would have been.
-void ContactStage::limitMotion(const MovingBodies& bodies, const ContactInput& input, std::vector<double>& share) {
-  share.assign(static_cast<std::size_t>(bodies.size()), 1.0);
-  if (!set_.crossing) return;
+// What is held back may bring others to cross, which it went along with: rounds until nothing does. The way is examined
+// again in each: a handle that turns does not end on the straight way to where it would have been.
+double ContactStage::limitMotion(const MovingBodies& bodies, const ContactInput& input) {
+  if (!set_.crossing) return 1.0;
+  double least = 1.0;
+  std::vector<double> whole;
+  for (int b = 0; b < bodies.size(); ++b) whole.push_back(bodies[b].motion());
   for (int round = 0; round <= kLimitRounds; ++round) {
     for (int b = 0; b < bodies.size(); ++b) {
-      bodies[b].endPositions(x_end_[b], share[b]);
+      bodies[b].endPositions(x_end_[b]);
       input.surfaces.setEnd(bodies.index(b), x_end_[b]);
     }
     candidates_.clear();
+    input.surfaces.allow(std::numeric_limits<double>::infinity());
     input.surfaces.find(input.settings, input.friction, candidates_);
+    input.work.spend(input.surfaces.operations());
     stopAtPlanes(bodies, input);
-    if (!shortenCrossing(bodies, round, share)) return;
+    if (!holdBackCrossing(bodies, round)) break;
   }
+  for (int b = 0; b < bodies.size(); ++b) {
+    if (whole[b] > 0) least = std::min(least, bodies[b].motion() / whole[b]);
+  }
+  return least;
 }
 
 }  // namespace palpate

@@ -10,8 +10,10 @@
 #include "palpate/contact/surface_contacts.h"
 #include "palpate/simulation/contact_memory.h"
 #include "palpate/simulation/contact_set.h"
+#include "palpate/simulation/impact_zones.h"
 #include "palpate/simulation/island_solver.h"
 #include "palpate/simulation/moving_bodies.h"
+#include "palpate/simulation/work_meter.h"
 
 namespace palpate {
 
@@ -21,6 +23,8 @@ struct ContactInput {
   SurfaceContacts& surfaces;
   const FrictionTable& friction;
   const ContactSettings& settings;
+  WorkMeter& work;
+  double share = 0.0;  ///< of the budget: what it may cost (WorkShare); 0: the end must be one that can be used
 };
 
 /// Finds, reduces and solves the contacts of the bodies that move. Between steps it holds nothing but the last result:
@@ -31,8 +35,9 @@ class ContactStage {
   /// @param memory  of the step before; becomes this one's
   /// @returns false if a factorization that it needed failed; the end velocities are then not to be used
   [[nodiscard]] bool solve(const MovingBodies& bodies, const ContactInput& input, ContactMemory& memory);
-  /// Shares of the step's motion, one a body, that carry no surface through another.
-  void limitMotion(const MovingBodies& bodies, const ContactInput& input, std::vector<double>& share);
+  /// Holds back the nodes whose motion would carry a surface through another, no others.
+  /// @returns the least share of a body's motion that is left
+  double limitMotion(const MovingBodies& bodies, const ContactInput& input);
   const ContactSet& result() const { return set_; }
 
  private:
@@ -41,7 +46,7 @@ class ContactStage {
   void findOnPlanes(const MovingBodies& bodies, const ContactInput& input, double reach);
   void propose(const MovingBodies& bodies, const ContactInput& input, const ContactMemory& memory);
   void followLoaded(const MovingBodies& bodies, const ContactInput& input, const ContactMemory& memory);
-  void search(const MovingBodies& bodies, const ContactInput& input);
+  bool search(const MovingBodies& bodies, const ContactInput& input, const WorkShare& work);
   void correctForTurning(const MovingBodies& bodies, double bound);
   // choosing
   void choose(const MovingBodies& bodies, const ContactSettings& settings, const ContactMemory& memory);
@@ -49,7 +54,8 @@ class ContactStage {
   void capRecovery(double h, double speed);
   void judge(const ContactSettings& settings);
   // solving
-  bool solvePass(const MovingBodies& bodies, const ContactSettings& settings, const ContactMemory& memory);
+  bool solvePass(const MovingBodies& bodies, const ContactInput& input, const WorkShare& work,
+                 const ContactMemory& memory);
   bool prepareNodes(const MovingBodies& bodies);
   void warmStart(double h, const ContactMemory& memory);
   // after the last pass
@@ -57,10 +63,12 @@ class ContactStage {
   void rememberNear(const ContactSettings& settings, ContactMemory& memory);
   // limiting
   void stopAtPlanes(const MovingBodies& bodies, const ContactInput& input);
-  bool shortenCrossing(const MovingBodies& bodies, int round, std::vector<double>& share);
+  void holdBack(const MovingBodies& bodies, const Contact& contact);
+  bool holdBackCrossing(const MovingBodies& bodies, int round);
 
   ContactSet set_;
   IslandSolver islands_;
+  ImpactZones zones_;
   ContactReduction reduction_;
   std::vector<char> soft_;  // bodies of the world that are
   std::vector<Contact> candidates_;
@@ -70,7 +78,6 @@ class ContactStage {
   std::vector<ContactRows> loaded_rows_;  // of each body, among the memory's loaded contacts
   std::vector<VecX> x_end_;
   std::vector<std::pair<int, int>> touched_;  // of the candidates that the contacts were chosen from
-  std::vector<double> next_share_;
 };
 
 }  // namespace palpate

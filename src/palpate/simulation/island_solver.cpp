@@ -81,6 +81,7 @@ bool IslandSolver::keep(const std::vector<char>& changed, const ContactSet& set,
   island.delassus.swap(before.delassus);
   island.solver = before.solver;
   island.solver.iterations = 0;
+  island.solver.operations = 0;
   return true;
 }
 
@@ -143,7 +144,7 @@ void IslandSolver::solveIsland(std::size_t index, double h, double scale, const 
   if (largest == 0 || island.delassus.isZero(0.0)) {  // nothing moves towards anything, or nothing can move
     own.impulse.setZero();
     own.status.assign(island.contacts.size(), {});
-    island.solver = {true, 0, 0.0};
+    island.solver = ContactSolverReport::nothing();
   } else {
     ContactSolverSettings solver = settings.solver;
     if (std::isfinite(scale)) {
@@ -168,9 +169,11 @@ void IslandSolver::solve(double h, double scale, const ContactSettings& settings
   parallelByWeight(static_cast<int>(set.islands.size()), work, [&](int k) {
     if (!kept_[k]) solveIsland(static_cast<std::size_t>(k), h, scale, settings, set);
   });
-  set.solver = {true, 0, 0.0};
+  set.solver = ContactSolverReport::nothing();
   for (const ContactIsland& island : set.islands) {
     set.solver.converged = set.solver.converged && island.solver.converged;
+    set.solver.to_tolerance = set.solver.to_tolerance && island.solver.to_tolerance;
+    set.solver.operations += island.solver.operations;
     set.solver.iterations = std::max(set.solver.iterations, island.solver.iterations);
     set.solver.residual = std::max(set.solver.residual, island.solver.residual);
   }

@@ -153,6 +153,7 @@ double World::settle(const std::vector<int>& moving, Pose device, const SettlePr
     if (!models_[i]->held()) longest = kLongestFreeStep;
     edge = std::min(edge, models_[i]->contactFinder().edgeLength());
   }
+  meter_.start({});
   StepLength h(longest);
   double speed = 0, displacement = 0, energy = potentialEnergy(moving, device);
   bool settled = false;
@@ -161,7 +162,7 @@ double World::settle(const std::vector<int>& moving, Pose device, const SettlePr
     before = state_;
     for (const int i : moving) state_.bodies[i].clearVelocities();
     const StepReport report =
-        stepBodies(moving, {h.value(), gravity, link, {device, Vec6::Zero()}, true}, Advance::yes);
+        stepBodies(moving, {h.value(), gravity, link, {device, Vec6::Zero()}, true}, Ending::held);
     speed = largestSpeed(moving);
     displacement = speed * h.value() / edge;
     const double after = potentialEnergy(moving, device);
@@ -182,7 +183,7 @@ double World::settle(const std::vector<int>& moving, Pose device, const SettlePr
     for (const int i : moving) text += (text.empty() ? "" : "; ") + unrest(i, before.bodies[i].positions);
     throw RunError("no static equilibrium at the start: " + text);
   }
-  for (const int i : moving) state_.bodies[i].clearVelocities();
+  for (const int i : moving) clearVelocities(i);
   return speed;
 }
 

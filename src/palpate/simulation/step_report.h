@@ -35,15 +35,20 @@ struct StepReport {
   int active = 0, sticking = 0, sliding = 0;
   int solver_iterations = 0;
   double solver_residual = 0;  ///< [m/s]
+  bool converged = true;       ///< to the solver's tolerance; status `ok` asks for what will do in a step
   int passes = 0;
   double penetration = 0;   ///< deepest surface point in another solid at the end of the step [m]
-  double motion_share = 1;  ///< least share of its motion that a node was let go without crossing
+  double motion_share = 1;  ///< least share of a body's motion that was made; what would have crossed was held back
   int redone = 0;  ///< shorter steps in which it was done again, as in one it would not converge or cross; 0: none
   double kinetic_energy = 0, elastic_energy = 0;  ///< [J], at the end
   /// By which the energy at the end exceeds that at the start, the work of link, gravity and driven bodies, and a
   /// hundredth of the sum of their magnitudes [J].
   double energy_made = 0;
+  double operations = 0;       ///< what it cost, as the budget counts
+  bool out_of_budget = false;  ///< the budget was used up: the rest of the step was taken as it came
   bool failed() const { return status == StepStatus::restored; }
+  /// Takes over the next part of the same step: its end, the worse of both, the times of both.
+  void append(const StepReport& part);
 };
 
 }  // namespace palpate

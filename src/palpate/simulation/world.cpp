@@ -58,11 +58,13 @@ void World::requireFit(int i, const BodyState& state) const {
 void World::restore(const WorldState& state) {
   prepare();
   if (state.bodies.size() != state_.bodies.size() ||
-      state.surfaces.may_overlap.size() != state_.surfaces.may_overlap.size()) {
+      state.surfaces.may_overlap.size() != state_.surfaces.may_overlap.size() ||
+      state.surfaces.tangled.size() != state_.surfaces.tangled.size()) {
     throw InputError("state", "bodies", "are not those of this world");
   }
   for (int i = 0; i < bodies(); ++i) requireFit(i, state.bodies[i]);
   state_ = state;
+  energy_known_ = false;
   surfaces_.restore(state.surfaces);
   friction_.setScale(state.friction_scale);
   for (const auto& system : systems_) system->forget();
@@ -71,12 +73,14 @@ void World::restore(const WorldState& state) {
 void World::setBody(int i, const BodyState& state) {
   requireFit(i, state);
   state_.bodies[i] = state;
+  energy_known_ = false;
   systems_[i]->forget();
   surfaces_.recheckOverlaps();
 }
 
 void World::setHandle(int i, const HandleState& handle) {
   models_[i]->setHandle(handle, state_.bodies[i]);
+  energy_known_ = false;
   systems_[i]->forget();
   surfaces_.recheckOverlaps();
 }
@@ -84,6 +88,7 @@ void World::setHandle(int i, const HandleState& handle) {
 void World::setStiffnessScale(int i, double scale) {
   if (!(scale > 0) || !std::isfinite(scale)) throw InputError("stiffness scale", "", "must be positive and finite");
   state_.bodies[i].elastic.stiffness_scale = scale;
+  energy_known_ = false;
   systems_[i]->forget();
 }
 
@@ -138,7 +143,7 @@ void World::beginBody(int i, const StepInput& input, BodyBegin& begin) {
 }
 
 // The same for all, those that could into moving_. Times are what they took together, shared out by kind of work.
-void World::beginBodies(const std::vector<int>& moving, const StepInput& input, StepReport& report) {
+bool World::beginBodies(const std::vector<int>& moving, const StepInput& input, Ending ending, StepReport& report) {
   begin_.resize(std::max(begin_.size(), moving.size()));
   moving_.clear();
   for (const int i : moving) moving_.add(i, *systems_[i]);
@@ -148,12 +153,15 @@ void World::beginBodies(const std::vector<int>& moving, const StepInput& input, 
     moving_.forEach([&](int k) { beginBody(moving[k], input, begin_[k]); });
   }
   StepTimes sum;
+  bool good = true;
   moving_.clear();
   for (std::size_t k = 0; k < moving.size(); ++k) {
     sum += begin_[k].times;
+    meter_.spend(systems_[moving[k]]->factorOperations());
+    good = good && begin_[k].good;
     if (begin_[k].good) {
       moving_.add(moving[k], *systems_[moving[k]]);
-    } else {
+    } else if (ending != Ending::free) {
       fail(moving[k], report);
     }
   }
@@ -161,34 +169,32 @@ void World::beginBodies(const std::vector<int>& moving, const StepInput& input, 
   report.times.assemble += share * sum.assemble;
   report.times.factorize += share * sum.factorize;
   report.times.solve += share * sum.solve;
+  return good;
 }
 
 // Contact impulses of the bodies in moving_, and their end velocities.
-bool World::solveContacts(StepReport& report) {
+bool World::solveContacts(double share, StepReport& report) {
   const ScopedTimer timer(report.times.contact);
   if (surfaces_.active()) {
     for (int i = 0; i < bodies(); ++i) surfaces_.setStart(i, state_.bodies[i].positions);
-    surfaces_.examineOverlaps();
+    surfaces_.examineOverlaps(state_.halvings > 0);
   }
-  bool good = stage_.solve(moving_, {obstacles, surfaces_, friction_, contact}, state_.contacts);
+  bool good = stage_.solve(moving_, {obstacles, surfaces_, friction_, contact, meter_, share}, state_.contacts);
   for (int k = 0; k < moving_.size(); ++k) good = good && moving_[k].endIsFinite();
   if (good) reportContacts(report);
   return good;
 }
 
-// The bodies in moving_ to the end of the step, or as far on the way as nothing crosses.
+// The bodies in moving_ to the end of the step.
 bool World::advance(StepReport& report) {
   {
     const ScopedTimer timer(report.times.contact);
-    stage_.limitMotion(moving_, {obstacles, surfaces_, friction_, contact}, share_);
+    report.motion_share = stage_.limitMotion(moving_, {obstacles, surfaces_, friction_, contact, meter_});
     report.penetration = stage_.result().penetration;
   }
   const ScopedTimer timer(report.times.advance);
   bool good = true;
-  for (int k = 0; k < moving_.size(); ++k) {
-    report.motion_share = std::min(report.motion_share, share_[k]);
-    good = moving_[k].advance(share_[k]) && good;
-  }
+  for (int k = 0; k < moving_.size(); ++k) good = moving_[k].advance() && good;
   return good;
 }
 
@@ -201,6 +207,7 @@ void World::reportContacts(StepReport& report) const {
   report.sliding = report.active - report.sticking;
   report.solver_iterations = set.solver.iterations;
   report.solver_residual = set.solver.residual;
+  report.converged = set.solver.to_tolerance;
   report.passes = set.passes;
   report.penetration = set.penetration;
   if (!set.solver.converged && report.status == StepStatus::ok) report.status = StepStatus::contact_not_converged;
@@ -208,14 +215,19 @@ void World::reportContacts(StepReport& report) const {
 
 // A v = b + J^T lambda,  J v >= b_lambda,  complementarity and friction (paper, eq. 2): the bodies' systems and free
 // motion first, then the contacts of all, then the motion.
-StepReport World::stepBodies(const std::vector<int>& moving, const StepInput& input, Advance how) {
+StepReport World::stepBodies(const std::vector<int>& moving, const StepInput& input, Ending ending, double share) {
   prepare();
   if (Executor* executor = Executor::current()) executor->wake();
   StepReport report;
-  beginBodies(moving, input, report);
-  bool good = solveContacts(report);
-  if (good && how == Advance::yes) good = advance(report);
-  if (!good) {
+  const bool begun = beginBodies(moving, input, ending, report);
+  const bool all_or_none = ending == Ending::free;
+  bool good = (begun || !all_or_none) && solveContacts(share, report);
+  if (all_or_none)
+    good = good && report.status == StepStatus::ok && !stage_.result().crossing && !stage_.result().given_up;
+  if (good && ending != Ending::stay) good = advance(report);
+  if (!good && all_or_none) {
+    report.status = StepStatus::restored;
+  } else if (!good) {
     for (int k = 0; k < moving_.size(); ++k) fail(moving_.index(k), report);
     state_.contacts.clear();
   }
@@ -223,26 +235,117 @@ StepReport World::stepBodies(const std::vector<int>& moving, const StepInput& in
   return report;
 }
 
-StepReport World::stepAll(const DeviceTarget& device, double h, Advance how) {
-  StepReport report = stepBodies(all(), {h, gravity, saturatedLink(device), device}, how);
-  addEnergies(report);
+constexpr int kShortest = 16;  // as a part of a step
+constexpr int kGoodParts = 4;  // so many good parts before a longer one is tried
+// Of the budget: what a try may cost that need not succeed, of the whole step and of a part.
+constexpr double kWholeShare = 1.0, kPartShare = 0.3;
+// an end whose energy is beyond what work explains, by this share of it and this much [J], is not believed
+constexpr double kEnergyShare = 0.03, kEnergyFloor = 1e-4;
+
+// All bodies to the end of a part of a step. @returns false (nothing has happened) if it is not good enough; the last
+// try is always taken
+bool World::tryStep(const StepInput& input, bool whole, bool last, StepReport& report) {
+  contacts_before_ = state_.contacts;
+  const double before = energy_;
+  const StepReport tried = stepBodies(all(), input, last ? Ending::held : Ending::free,
+                                      last    ? 0.0
+                                      : whole ? kWholeShare
+                                              : kPartShare);
+  report = tried;
+  if (!last && tried.failed()) {
+    std::swap(state_.contacts, contacts_before_);
+    return false;
+  }
+  findEnergies(report);
+  StepWork work;
+  for (int i = 0; i < bodies(); ++i) work += workOn(*systems_[i], state_.bodies[i]);
+  const double made = energyMade(before, energy_, work);
+  if (!last && made > kEnergyShare * (before + energy_) + kEnergyFloor) {
+    for (const auto& system : systems_) system->retreat();
+    std::swap(state_.contacts, contacts_before_);
+    energy_ = before;
+    return false;
+  }
+  work_ += work;
+  return true;
+}
+
+// A part of the step, in one or in halves and halves of halves where that fails. Where the budget is used up it ends
+// early: a world that is slow for a moment is better than one that is wrong.
+void World::stepAlong(const Way& way, double from, double to, StepReport& sum) {
+  int done = 0;  // of the shortest parts
+  int successes = 0;
+  int& halvings = state_.halvings;
+  halvings = std::max(0, halvings - 1);
+  while (done < kShortest) {
+    const int length = kShortest >> halvings;
+    const double end = from + (to - from) * (done + length) / kShortest;
+    const DeviceTarget target = done + length == kShortest && to == 1 ? way.to : between(way.from, way.to, end);
+    const StepInput input{(to - from) * way.step * length / kShortest, gravity, saturatedLink(target), target};
+    StepReport part;
+    if (!tryStep(input, length == kShortest, length == 1, part)) {
+      sum.times += part.times;
+      ++halvings;
+      successes = 0;
+      continue;
+    }
+    if (length < kShortest) ++part.redone;
+    done += length;
+    if (meter_.usedUp() && done < kShortest) {
+      part.out_of_budget = true;
+      part.motion_share = std::min(part.motion_share, static_cast<double>(done) / kShortest);
+      sum.append(part);
+      return;
+    }
+    sum.append(part);
+    if (halvings > 0 && ++successes >= kGoodParts && done % (kShortest >> (halvings - 1)) == 0) {
+      --halvings;
+      successes = 0;
+    }
+  }
+}
+
+StepReport World::step(const DeviceTarget& device, double h, int parts) {
+  prepare();
+  meter_.start(budget);
+  const Way way{state_.aimed ? state_.device : device, device, h};
+  StepReport report;
+  if (!energy_known_) findEnergies(report);
+  const double before = energy_;
+  work_ = {};
+  for (int k = 0; k < parts; ++k) {
+    stepAlong(way, static_cast<double>(k) / parts, static_cast<double>(k + 1) / parts, report);
+  }
+  report.energy_made = energyMade(before, energy_, work_);
+  report.operations = meter_.spent();
+  if (device.pose.position.allFinite() && device.pose.rotation.coeffs().allFinite() && device.twist.allFinite()) {
+    state_.device = device;
+    state_.aimed = true;
+  }
   return report;
 }
 
-StepReport World::step(const DeviceTarget& device, double h) { return stepAll(device, h, Advance::yes); }
+StepReport World::evaluate(const DeviceTarget& device, double h) {
+  meter_.start({0.5 * budget.operations, 0.5 * budget.seconds});
+  StepReport report = stepBodies(all(), {h, gravity, saturatedLink(device), device}, Ending::stay);
+  findEnergies(report);
+  return report;
+}
 
-StepReport World::evaluate(const DeviceTarget& device, double h) { return stepAll(device, h, Advance::no); }
-
-void World::addEnergies(StepReport& report) {
+// Of the present state, into the report.
+void World::findEnergies(StepReport& report) {
   const ScopedTimer timer(report.times.advance);
   moving_.clear();
   for (int i = 0; i < bodies(); ++i) moving_.add(i, *systems_[i]);
   elastic_.resize(models_.size());
   moving_.forEach([&](int i) { elastic_[i] = systems_[i]->elasticEnergy(state_.bodies[i]); });
+  report.kinetic_energy = report.elastic_energy = 0;
   for (int i = 0; i < bodies(); ++i) {
     report.kinetic_energy += models_[i]->kineticEnergy(state_.bodies[i]);
     report.elastic_energy += elastic_[i];
   }
+  energy_ = report.kinetic_energy + report.elastic_energy;
+  energy_known_ = true;
 }
 
 LinkParameters World::saturatedLink(const DeviceTarget& device) const {

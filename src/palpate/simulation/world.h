@@ -12,6 +12,7 @@
 #include "palpate/simulation/body_system.h"
 #include "palpate/simulation/contact_stage.h"
 #include "palpate/simulation/moving_bodies.h"
+#include "palpate/simulation/step_energy.h"
 #include "palpate/simulation/step_report.h"
 #include "palpate/simulation/world_state.h"
 
@@ -35,6 +36,8 @@ class World {
   double link_force_limit = std::numeric_limits<double>::infinity();
   double link_torque_limit = std::numeric_limits<double>::infinity();
   ContactSettings contact;
+  /// Of a step(); evaluate() has half of it, settle() none.
+  StepBudget budget;
   /// Planes and solids; not to be changed after the first step.
   std::vector<Obstacle> obstacles;
 
@@ -58,14 +61,21 @@ class World {
   void setBody(int i, const BodyState& state);
   /// Gives a framed body's handle a pose and a twist, and its nodes with it.
   void setHandle(int i, const HandleState& handle);
-  void clearVelocities(int i) { state_.bodies[i].clearVelocities(); }
+  void clearVelocities(int i) {
+    state_.bodies[i].clearVelocities();
+    energy_known_ = false;
+  }
   /// Makes a body's material stiffer by a factor > 0 against its model.
   void setStiffnessScale(int i, double scale);
   /// Multiplies all coefficients of friction; 1 at first.
   void setFrictionScale(double scale);
 
-  /// One visual step of length h: the paper's step 1 (section 3.4), the constrained dynamics of eq. (2).
-  [[nodiscard]] StepReport step(const DeviceTarget& device, double h);
+  /// One visual step of length h: the paper's step 1 (section 3.4), the constrained dynamics of eq. (2). Where a step
+  /// would not converge, carry a surface through another or make energy, it is done again in halves, as far as needed;
+  /// the target then moves on evenly from that of the step before. What crosses even in the shortest of them is held
+  /// back where it crosses.
+  /// @param parts  equal ones to begin with
+  [[nodiscard]] StepReport step(const DeviceTarget& device, double h, int parts = 1);
   /// As step(), but positions and velocities stay as they were: for a model at the present state. Only a step that
   /// fails brings its body to rest.
   [[nodiscard]] StepReport evaluate(const DeviceTarget& device, double h);
@@ -85,7 +95,15 @@ class World {
   void setFriction(int first, int second, double coefficient) { friction_.setPair(first, second, coefficient); }
 
  private:
-  enum class Advance { yes, no };
+  enum class Ending {
+    stay,  // positions and velocities as they were
+    held,  // at the end, but for what would cross
+    free,  // at the end; refused if something would cross or it does not converge
+  };
+  struct Way {  // of a visual step
+    DeviceTarget from, to;
+    double step;  // h
+  };
   struct BodyBegin {  // of a body's step
     bool good = false;
     StepTimes times;
@@ -95,15 +113,16 @@ class World {
   LinkParameters saturatedLink(const DeviceTarget& device) const;
   std::vector<int> all() const;
   void requireFit(int i, const BodyState& state) const;
-  StepReport stepAll(const DeviceTarget& device, double h, Advance advance);
-  StepReport stepBodies(const std::vector<int>& moving, const StepInput& input, Advance advance);
-  void beginBodies(const std::vector<int>& moving, const StepInput& input, StepReport& report);
+  void stepAlong(const Way& way, double from, double to, StepReport& sum);
+  bool tryStep(const StepInput& input, bool whole, bool last, StepReport& report);
+  StepReport stepBodies(const std::vector<int>& moving, const StepInput& input, Ending ending, double share = 0.0);
+  bool beginBodies(const std::vector<int>& moving, const StepInput& input, Ending ending, StepReport& report);
   void beginBody(int i, const StepInput& input, BodyBegin& begin);
   void orderContactNodes(int i, double h, std::vector<int>& nearby);
-  bool solveContacts(StepReport& report);
+  bool solveContacts(double share, StepReport& report);
   bool advance(StepReport& report);
   void fail(int i, StepReport& report);
-  void addEnergies(StepReport& report);
+  void findEnergies(StepReport& report);
   void reportContacts(StepReport& report) const;
   double largestSpeed(const std::vector<int>& of) const;
   double potentialEnergy(const std::vector<int>& of, const Pose& device) const;
@@ -122,7 +141,12 @@ class World {
   ContactStage stage_;
   MovingBodies moving_;
   std::vector<BodyBegin> begin_;
-  std::vector<double> share_, elastic_;
+  std::vector<double> elastic_;
+  ContactMemory contacts_before_;  // of the present part of a step
+  StepWork work_;                  // of the present step
+  WorkMeter meter_;
+  double energy_ = 0;  // of the state, where it is known [J]
+  bool energy_known_ = false;
 };
 
 }  // namespace palpate

@@ -12,7 +12,7 @@ namespace palpate {
 namespace {
 
 constexpr std::uint32_t kMagic = 0x54535050;  // "PPST"
-constexpr std::uint32_t kVersion = 1;
+constexpr std::uint32_t kVersion = 2;
 
 class Writer {
  public:
@@ -197,7 +197,12 @@ void fields(A& a, WorldState& state) {
   fields(a, state.contacts.near);
   fields(a, state.contacts.touched);
   fields(a, state.surfaces.may_overlap);
+  fields(a, state.surfaces.tangled);
   fields(a, state.friction_scale);
+  fields(a, state.device.pose);
+  fields(a, state.device.twist);
+  fields(a, state.aimed);
+  fields(a, state.halvings);
 }
 
 // FNV-1a: a file that was damaged on its way is told from a state.

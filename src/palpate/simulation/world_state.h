@@ -6,6 +6,7 @@
 #include "palpate/contact/surface_contacts.h"
 #include "palpate/simulation/body_state.h"
 #include "palpate/simulation/contact_memory.h"
+#include "palpate/simulation/device_target.h"
 
 namespace palpate {
 
@@ -16,6 +17,9 @@ struct WorldState {
   ContactMemory contacts;
   SurfaceContactsState surfaces;
   double friction_scale = 1.0;  ///< factor on all coefficients of friction
+  DeviceTarget device;          ///< target of the last step
+  bool aimed = false;           ///< there was one
+  int halvings = 0;             ///< of its parts at its end
 };
 
 /// The state as bytes: little-endian, version first, checksum last; the same bytes if and only if the states are the

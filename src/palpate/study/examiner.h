@@ -7,15 +7,11 @@
 #include "palpate/contact/collision_surface.h"
 #include "palpate/contact/overlap.h"
 #include "palpate/contact/self_exclusion.h"
+#include "palpate/contact/self_intersections.h"
 #include "palpate/mesh/embedding_map.h"
 #include "palpate/simulation/world.h"
 
 namespace palpate {
-
-/// Pairs of triangles of one surface, the lower index first, that share no vertex and intersect: an edge of one passes
-/// through the other. At the start positions, after refit(); appends. Triangles that merely touch or lie in one plane
-/// do not count.
-void findSelfIntersections(const CollisionSurface& surface, std::vector<std::array<int, 2>>& out);
 
 /// How many tetrahedra have no positive volume at these node positions (flat) [m].
 int invertedTetrahedra(const TetrahedralMesh& mesh, const VecX& positions);

@@ -15,32 +15,13 @@ HandleModel modelOf(const World& world, const VisualStepSettings& settings, Visu
   return record.step.failed() ? previous : linearize(world, settings.linearization, record.time);
 }
 
-// The substeps' report: the last one's, with the worst of all and the times of all.
-StepReport stepFinely(World& world, const DeviceTarget& target, double h, int substeps) {
-  StepReport sum;
-  for (int k = 0; k < substeps; ++k) {
-    StepReport r = world.step(target, h);
-    r.penetration = std::max(r.penetration, sum.penetration);
-    r.solver_residual = std::max(r.solver_residual, sum.solver_residual);
-    r.motion_share = std::min(r.motion_share, sum.motion_share);
-    r.solver_iterations += sum.solver_iterations;
-    r.passes = std::max(r.passes, sum.passes);
-    r.status = std::max(r.status, sum.status);
-    r.redone += sum.redone;
-    r.energy_made += sum.energy_made;
-    r.times += sum.times;
-    sum = r;
-  }
-  return sum;
-}
-
 // The derivatives first, from a step as long as their horizon that is then not taken; force and motion from finer ones.
 void stepInParts(World& world, const DeviceTarget& target, const VisualStepSettings& settings,
                  const HandleModel& previous, VisualRecord& record) {
   record.step = world.evaluate(target, settings.step);
   record.model = modelOf(world, settings, record, previous);
   const StepReport horizon = record.step;
-  record.step = stepFinely(world, target, settings.step / settings.substeps, settings.substeps);
+  record.step = world.step(target, settings.step, settings.substeps);
   record.step.status = std::max(record.step.status, horizon.status);
   record.step.times += horizon.times;
   if (record.step.failed()) {
@@ -50,6 +31,28 @@ void stepInParts(World& world, const DeviceTarget& target, const VisualStepSetti
   record.model.force = couplingWrench(world);
   record.model.handle_pose = world.tool().state.handle.pose;
   record.model.handle_twist = world.tool().state.handle.twist;
+}
+
+// After a step that was done again in shorter ones: theirs are force and motion. The derivatives are those of a whole
+// step from where they ended, as those of a short one are not of this horizon; if it fails or there is no time for it,
+// those of the step before.
+HandleModel modelAfterRedoing(World& world, const DeviceTarget& target, const VisualStepSettings& settings,
+                              const HandleModel& previous, VisualRecord& record) {
+  const Vec6 force = couplingWrench(world);
+  HandleModel model = previous;
+  if (!record.step.out_of_budget) {
+    VisualRecord whole;
+    whole.time = record.time;
+    whole.step = world.evaluate(target, settings.step);
+    record.step.times += whole.step.times;
+    if (whole.step.status == StepStatus::ok) model = modelOf(world, settings, whole, previous);
+    record.linearization_s = whole.linearization_s;
+  }
+  model.force = force;
+  model.pose = model.handle_pose = world.tool().state.handle.pose;
+  model.twist = model.handle_twist = world.tool().state.handle.twist;
+  model.time = record.time;
+  return model;
 }
 
 }  // namespace
@@ -62,8 +65,9 @@ VisualRecord visualStep(World& world, const DeviceTarget& target, const VisualSt
     stepInParts(world, target, settings, previous, record);
     return record;
   }
-  record.step = world.step(target, settings.step);            // 1: constrained dynamics, eq. (2)
-  record.model = modelOf(world, settings, record, previous);  // 2 to 6: eq. (6) to (11)
+  record.step = world.step(target, settings.step);  // 1: constrained dynamics, eq. (2)
+  record.model = record.step.redone > 0 ? modelAfterRedoing(world, target, settings, previous, record)
+                                        : modelOf(world, settings, record, previous);  // 2 to 6: eq. (6) to (11)
   return record;
 }
 

@@ -1,0 +1,37 @@
+#include "palpate/simulation/step_energy.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace palpate {
+
+StepWork workOn(const BodySystem& system, const BodyState& end) {
+  const BodyModel& model = system.model();
+  const StepInput& input = system.input();
+  const VecX& start = system.startPositions();
+  StepWork work;
+  Vec3 moment = Vec3::Zero();  // mass times displacement
+  for (const int i : model.free()) {
+    moment += model.elasticity().mass()[i] * (end.positions.segment<3>(3 * i) - start.segment<3>(3 * i));
+  }
+  if (model.framed()) {
+    moment += model.handle().mass * (end.handle.pose.position - system.startPose().position);
+  }
+  work.add(input.gravity.dot(moment));
+  if (model.held()) {
+    const Vec6 on_device =
+        linkWrenchOnDevice(input.link, end.handle.pose, end.handle.twist, input.device.pose, input.device.twist);
+    const Vec6 motion = poseDifference(end.handle.pose, system.startPose());
+    work.add(-on_device.head<3>().dot(motion.head<3>()));
+    work.add(-on_device.tail<3>().dot(motion.tail<3>()));
+  }
+  return work;
+}
+
+double energyMade(double start, double end, const StepWork& work) {
+  constexpr double kRounding = 1e-9;  // of the energies; and [J]
+  const double made = end - start - work.sum - 0.01 * work.magnitudes;
+  return made > kRounding * (start + end + 1.0) ? made : 0.0;
+}
+
+}  // namespace palpate
