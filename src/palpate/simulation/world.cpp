@@ -247,12 +247,9 @@ constexpr double kEnergyShare = 0.03, kEnergyFloor = 1e-4;
 bool World::tryStep(const StepInput& input, bool whole, bool last, StepReport& report) {
   contacts_before_ = state_.contacts;
   const double before = energy_;
-  const StepReport tried = stepBodies(all(), input, last ? Ending::held : Ending::free,
-                                      last    ? 0.0
-                                      : whole ? kWholeShare
-                                              : kPartShare);
-  report = tried;
-  if (!last && tried.failed()) {
+  const double share = whole ? kWholeShare : kPartShare;
+  report = last ? stepBodies(all(), input, Ending::held) : stepBodies(all(), input, Ending::free, share);
+  if (!last && report.failed()) {
     std::swap(state_.contacts, contacts_before_);
     return false;
   }
