@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "palpate/contact/feature_distance.h"
+#include "palpate/contact/meeting_clusters.h"
 
 namespace palpate {
 namespace {
@@ -33,10 +34,6 @@ Range startRange(const MovingBox& box) {
 bool contains(const MovingBox& box, const Vec3& p) {
   const Range r = startRange(box);
   return (p.array() >= r.low.array()).all() && (p.array() <= r.high.array()).all();
-}
-
-bool overlapAtStart(const MovingBox& p, const MovingBox& q) {
-  return (p.start_low + q.start_negative_high).max(p.start_negative_high + q.start_low).maxCoeff() <= 0;
 }
 
 double squaredDistance(const MovingBox& box, const Vec3& p) {
@@ -129,27 +126,6 @@ struct Passage {
   double fraction;
   int face;  // of the other
 };
-
-// All pairs of clusters whose boxes meet at the start.
-template <class Visit>
-void meetingClusters(const CollisionSurface& a, const CollisionSurface& b, Visit visit) {
-  std::vector<std::pair<int, int>> stack{{0, 0}};
-  while (!stack.empty()) {
-    const auto [i, j] = stack.back();
-    stack.pop_back();
-    if (!overlapAtStart(a.nodeBox(i), b.nodeBox(j))) continue;
-    const auto &na = a.nodes()[static_cast<size_t>(i)], &nb = b.nodes()[static_cast<size_t>(j)];
-    if (na.right < 0 && nb.right < 0) {
-      visit(na.cluster, nb.cluster);
-    } else if (nb.right < 0 || (na.right >= 0 && a.nodeBox(i).size() >= b.nodeBox(j).size())) {
-      stack.emplace_back(i + 1, j);
-      stack.emplace_back(na.right, j);
-    } else {
-      stack.emplace_back(i, j + 1);
-      stack.emplace_back(i, nb.right);
-    }
-  }
-}
 
 void addPassages(const CollisionSurface& a, int ta, const CollisionSurface& b, int tb, std::vector<Passage>& out) {
   for (int i = 0; i < 3; ++i) {

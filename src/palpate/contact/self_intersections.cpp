@@ -2,7 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
-#include <utility>
+
+#include "palpate/contact/meeting_clusters.h"
 
 namespace palpate {
 namespace {
@@ -21,10 +22,6 @@ bool shareVertex(const CollisionSurface& s, int t, int u) {
     for (const int w : s.triangles()[static_cast<std::size_t>(u)])
       if (v == w) return true;
   return false;
-}
-
-bool boxesMeet(const MovingBox& p, const MovingBox& q) {
-  return (p.start_low + q.start_negative_high).max(p.start_negative_high + q.start_low).maxCoeff() <= 0;
 }
 
 // Whether a segment passes through a triangle, from one side of its plane to the other.
@@ -67,10 +64,10 @@ void intersectClusters(const CollisionSurface& s, int c, int d, std::vector<std:
   MovingBox around = boxes_d.front();
   for (const MovingBox& box : boxes_d) around.include(box);
   for (std::size_t i = 0; i < boxes_c.size(); ++i) {
-    if (!boxesMeet(boxes_c[i], around)) continue;
+    if (!overlapAtStart(boxes_c[i], around)) continue;
     for (std::size_t j = c == d ? i + 1 : 0; j < boxes_d.size(); ++j) {
       const int t = triangles_c[i], u = triangles_d[j];
-      if (!boxesMeet(boxes_c[i], boxes_d[j]) || shareVertex(s, t, u)) continue;
+      if (!overlapAtStart(boxes_c[i], boxes_d[j]) || shareVertex(s, t, u)) continue;
       if (intersect(triangleAt(s, t), triangleAt(s, u))) out.push_back({std::min(t, u), std::max(t, u)});
     }
   }
@@ -79,28 +76,8 @@ void intersectClusters(const CollisionSurface& s, int c, int d, std::vector<std:
 }  // namespace
 
 void findSelfIntersections(const CollisionSurface& surface, std::vector<std::array<int, 2>>& out) {
-  const auto& nodes = surface.nodes();
-  if (nodes.empty()) return;
-  std::vector<std::pair<int, int>> stack{{0, 0}};
-  while (!stack.empty()) {
-    const auto [i, j] = stack.back();
-    stack.pop_back();
-    const auto &a = nodes[static_cast<std::size_t>(i)], &b = nodes[static_cast<std::size_t>(j)];
-    if (i != j && !boxesMeet(surface.nodeBox(i), surface.nodeBox(j))) continue;
-    if (a.right < 0 && b.right < 0) {
-      intersectClusters(surface, a.cluster, b.cluster, out);
-    } else if (i == j) {
-      stack.emplace_back(i + 1, i + 1);
-      stack.emplace_back(a.right, a.right);
-      stack.emplace_back(i + 1, a.right);
-    } else if (b.right < 0 || (a.right >= 0 && surface.nodeBox(i).size() >= surface.nodeBox(j).size())) {
-      stack.emplace_back(i + 1, j);
-      stack.emplace_back(a.right, j);
-    } else {
-      stack.emplace_back(i, j + 1);
-      stack.emplace_back(i, b.right);
-    }
-  }
+  if (surface.nodes().empty()) return;
+  meetingClusters(surface, surface, [&](int c, int d) { intersectClusters(surface, c, d, out); });
 }
 
 }  // namespace palpate

@@ -284,10 +284,6 @@ bool SurfaceContacts::inTangle(const Item& item, const FeaturePair& pair) {
   return pair.from_inside || (crossed(pair.first_vertex) && crossed(pair.second_vertex));
 }
 
-bool SurfaceContacts::tangled() const {
-  return std::any_of(items_.begin(), items_.end(), [](const Item& item) { return item.tangled; });
-}
-
 void SurfaceContacts::examineOverlaps(bool trouble) {
   overlap_ = 0;
   for (Item& item : items_) {

@@ -44,7 +44,6 @@ class SurfaceContacts {
   /// keep it so: it is left out until elasticity has pulled it apart.
   /// @param trouble  the steps before could not keep what they should
   void examineOverlaps(bool trouble);
-  bool tangled() const;  ///< a surface passes through itself at the start
   /// Pairs that were seen apart are examined for overlap again, and surfaces for passing through themselves (after
   /// positions were set from outside).
   void recheckOverlaps();

@@ -25,9 +25,8 @@ void validate(const HapticSettings& settings) {
 }  // namespace
 
 bool isFinite(const HandleModel& model) noexcept {
-  const auto finite = [](const Pose& pose) { return pose.position.allFinite() && pose.rotation.coeffs().allFinite(); };
-  return model.force.allFinite() && finite(model.pose) && model.twist.allFinite() && model.kx.allFinite() &&
-         model.kv.allFinite() && finite(model.handle_pose) && model.handle_twist.allFinite() &&
+  return model.force.allFinite() && model.pose.allFinite() && model.twist.allFinite() && model.kx.allFinite() &&
+         model.kv.allFinite() && model.handle_pose.allFinite() && model.handle_twist.allFinite() &&
          std::isfinite(model.time);
 }
 

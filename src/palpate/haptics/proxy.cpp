@@ -159,7 +159,7 @@ TickFlags HandleProxy::step(const HandleModel* model, const LinkParameters& link
   TickFlags flags = parts.flags;
   twist_ += solve(parts, dt, flags);
   pose_ = advance(pose_, dt * twist_);
-  if (!twist_.allFinite() || !pose_.position.allFinite() || !pose_.rotation.coeffs().allFinite()) {
+  if (!twist_.allFinite() || !pose_.allFinite()) {
     reset(device.pose, device.twist);
     flags.set(TickFlag::proxy_reset);
   }

@@ -26,6 +26,7 @@ struct Pose {
   Mat3 matrix() const { return rotation.toRotationMatrix(); }
   /// World coordinates of a point given in the frame.
   Vec3 apply(const Vec3& local) const { return position + rotation * local; }
+  bool allFinite() const { return position.allFinite() && rotation.coeffs().allFinite(); }
 };
 
 }  // namespace palpate

@@ -1,16 +1,13 @@
 #include "palpate/mesh/text_scanner.h"
 
-#include <cerrno>
 #include <charconv>
 #include <cmath>
-#include <cstdio>
-#include <cstring>
 #include <filesystem>
 #include <fstream>
 #include <system_error>
 
 #include "palpate/common/error.h"
-#include "palpate/common/interruption.h"
+#include "palpate/common/whole_file.h"
 
 namespace palpate {
 namespace {
@@ -99,17 +96,8 @@ std::string readFile(const std::string& path, size_t limit) {
 }
 
 void writeFile(const std::string& path, const std::string& contents) {
-  const std::string temporary = path + ".part";
-  std::FILE* file = std::fopen(temporary.c_str(), "wb");
-  if (!file) throw InputError(path, "", std::string("cannot be written: ") + std::strerror(errno));
-  markProvisional(temporary);
-  const bool written = std::fwrite(contents.data(), 1, contents.size(), file) == contents.size();
-  const bool closed = std::fclose(file) == 0;
-  const bool placed = written && closed && std::rename(temporary.c_str(), path.c_str()) == 0;
-  const std::string cause = std::strerror(errno);
-  if (!placed) std::remove(temporary.c_str());
-  unmarkProvisional(temporary);
-  if (!placed) throw InputError(path, "", "cannot be written: " + cause);
+  if (const auto failure = writeThenRename(path, path + ".part", contents))
+    throw InputError(path, "", "cannot be written: " + failure->cause);
 }
 
 void appendNumber(std::string& out, double value) {

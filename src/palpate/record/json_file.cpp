@@ -2,14 +2,11 @@
 
 #include <unistd.h>
 
-#include <cerrno>
-#include <cstdio>
-#include <cstring>
 #include <nlohmann/json.hpp>
 #include <string>
 
 #include "palpate/common/error.h"
-#include "palpate/common/interruption.h"
+#include "palpate/common/whole_file.h"
 
 namespace palpate {
 
@@ -19,18 +16,12 @@ void writeJson(const std::filesystem::path& path, const nlohmann::ordered_json& 
 }
 
 void writeWhole(const std::filesystem::path& path, std::string_view content) {
-  const std::string temporary = path.string() + ".partial-" + std::to_string(static_cast<long>(::getpid()));
-  std::FILE* file = std::fopen(temporary.c_str(), "wb");
-  if (!file) throw InputError(path.string(), "", std::string("cannot be written: ") + std::strerror(errno));
-  markProvisional(temporary);
-  const bool written = std::fwrite(content.data(), 1, content.size(), file) == content.size();
-  const bool closed = std::fclose(file) == 0;
-  const bool placed = written && closed && std::rename(temporary.c_str(), path.c_str()) == 0;
-  const std::string cause = std::strerror(errno);
-  if (!placed) std::remove(temporary.c_str());
-  unmarkProvisional(temporary);
-  if (placed) return;
-  throw RunError(path.string() + ": cannot be written: " + cause);
+  const std::string name = path.string();
+  const std::string temporary = name + ".partial-" + std::to_string(static_cast<long>(::getpid()));
+  const auto failure = writeThenRename(name, temporary, content);
+  if (!failure) return;
+  if (!failure->begun) throw InputError(name, "", "cannot be written: " + failure->cause);
+  throw RunError(name + ": cannot be written: " + failure->cause);
 }
 
 }  // namespace palpate

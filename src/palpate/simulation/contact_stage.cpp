@@ -121,14 +121,19 @@ void ContactStage::followLoaded(const MovingBodies& bodies, const ContactInput& 
   }
 }
 
+// Appends; may be given up beyond so many operations.
+void ContactStage::findOnSurfaces(const ContactInput& input, double allowed) {
+  input.surfaces.allow(allowed);
+  input.surfaces.find(input.settings, input.friction, candidates_);
+  input.work.spend(input.surfaces.operations());
+}
+
 // Everything along the motion to the present end velocities. @returns false if it was given up, which a last try never
 // is
 bool ContactStage::search(const MovingBodies& bodies, const ContactInput& input, const WorkShare& work) {
   findOnPlanes(bodies, input, 0.0);
   if (input.surfaces.active()) {
-    input.surfaces.allow(input.share > 0 ? work.left() : std::numeric_limits<double>::infinity());
-    input.surfaces.find(input.settings, input.friction, candidates_);
-    input.work.spend(input.surfaces.operations());
+    findOnSurfaces(input, input.share > 0 ? work.left() : std::numeric_limits<double>::infinity());
     if (input.surfaces.gaveUp()) return false;
   }
   correctForTurning(bodies, kLargestArc * input.settings.thickness);
@@ -424,9 +429,7 @@ double ContactStage::limitMotion(const MovingBodies& bodies, const ContactInput&
       input.surfaces.setEnd(bodies.index(b), x_end_[b]);
     }
     candidates_.clear();
-    input.surfaces.allow(std::numeric_limits<double>::infinity());
-    input.surfaces.find(input.settings, input.friction, candidates_);
-    input.work.spend(input.surfaces.operations());
+    findOnSurfaces(input, std::numeric_limits<double>::infinity());
     stopAtPlanes(bodies, input);
     if (!holdBackCrossing(bodies, round)) break;
   }

@@ -46,6 +46,7 @@ class ContactStage {
   void findOnPlanes(const MovingBodies& bodies, const ContactInput& input, double reach);
   void propose(const MovingBodies& bodies, const ContactInput& input, const ContactMemory& memory);
   void followLoaded(const MovingBodies& bodies, const ContactInput& input, const ContactMemory& memory);
+  void findOnSurfaces(const ContactInput& input, double allowed);
   bool search(const MovingBodies& bodies, const ContactInput& input, const WorkShare& work);
   void correctForTurning(const MovingBodies& bodies, double bound);
   // choosing

@@ -44,7 +44,6 @@ struct StepReport {
   /// By which the energy at the end exceeds that at the start, the work of link, gravity and driven bodies, and a
   /// hundredth of the sum of their magnitudes [J].
   double energy_made = 0;
-  double operations = 0;       ///< what it cost, as the budget counts
   bool out_of_budget = false;  ///< the budget was used up: the rest of the step was taken as it came
   bool failed() const { return status == StepStatus::restored; }
   /// Takes over the next part of the same step: its end, the worse of both, the times of both.

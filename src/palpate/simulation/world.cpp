@@ -70,26 +70,29 @@ void World::restore(const WorldState& state) {
   for (const auto& system : systems_) system->forget();
 }
 
+// Positions or material were changed from outside.
+void World::wasSet(int i) {
+  energy_known_ = false;
+  systems_[i]->forget();
+}
+
 void World::setBody(int i, const BodyState& state) {
   requireFit(i, state);
   state_.bodies[i] = state;
-  energy_known_ = false;
-  systems_[i]->forget();
+  wasSet(i);
   surfaces_.recheckOverlaps();
 }
 
 void World::setHandle(int i, const HandleState& handle) {
   models_[i]->setHandle(handle, state_.bodies[i]);
-  energy_known_ = false;
-  systems_[i]->forget();
+  wasSet(i);
   surfaces_.recheckOverlaps();
 }
 
 void World::setStiffnessScale(int i, double scale) {
   if (!(scale > 0) || !std::isfinite(scale)) throw InputError("stiffness scale", "", "must be positive and finite");
   state_.bodies[i].elastic.stiffness_scale = scale;
-  energy_known_ = false;
-  systems_[i]->forget();
+  wasSet(i);
 }
 
 void World::setFrictionScale(double scale) {
@@ -245,7 +248,7 @@ constexpr double kEnergyShare = 0.03, kEnergyFloor = 1e-4;
 // All bodies to the end of a part of a step. @returns false (nothing has happened) if it is not good enough; the last
 // try is always taken
 bool World::tryStep(const StepInput& input, bool whole, bool last, StepReport& report) {
-  contacts_before_ = state_.contacts;
+  if (!last) contacts_before_ = state_.contacts;
   const double before = energy_;
   const double share = whole ? kWholeShare : kPartShare;
   report = last ? stepBodies(all(), input, Ending::held) : stepBodies(all(), input, Ending::free, share);
@@ -314,8 +317,7 @@ StepReport World::step(const DeviceTarget& device, double h, int parts) {
     stepAlong(way, static_cast<double>(k) / parts, static_cast<double>(k + 1) / parts, report);
   }
   report.energy_made = energyMade(before, energy_, work_);
-  report.operations = meter_.spent();
-  if (device.pose.position.allFinite() && device.pose.rotation.coeffs().allFinite() && device.twist.allFinite()) {
+  if (device.pose.allFinite() && device.twist.allFinite()) {
     state_.device = device;
     state_.aimed = true;
   }

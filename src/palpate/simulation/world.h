@@ -113,6 +113,7 @@ class World {
   LinkParameters saturatedLink(const DeviceTarget& device) const;
   std::vector<int> all() const;
   void requireFit(int i, const BodyState& state) const;
+  void wasSet(int i);
   void stepAlong(const Way& way, double from, double to, StepReport& sum);
   bool tryStep(const StepInput& input, bool whole, bool last, StepReport& report);
   StepReport stepBodies(const std::vector<int>& moving, const StepInput& input, Ending ending, double share = 0.0);

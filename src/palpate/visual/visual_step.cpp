@@ -15,6 +15,13 @@ HandleModel modelOf(const World& world, const VisualStepSettings& settings, Visu
   return record.step.failed() ? previous : linearize(world, settings.linearization, record.time);
 }
 
+// Force and handle at the end of finer steps than those that the derivatives are of.
+void endWith(const Vec6& force, const World& world, HandleModel& model) {
+  model.force = force;
+  model.handle_pose = world.tool().state.handle.pose;
+  model.handle_twist = world.tool().state.handle.twist;
+}
+
 // The derivatives first, from a step as long as their horizon that is then not taken; force and motion from finer ones.
 void stepInParts(World& world, const DeviceTarget& target, const VisualStepSettings& settings,
                  const HandleModel& previous, VisualRecord& record) {
@@ -28,9 +35,7 @@ void stepInParts(World& world, const DeviceTarget& target, const VisualStepSetti
     record.model = previous;
     return;
   }
-  record.model.force = couplingWrench(world);
-  record.model.handle_pose = world.tool().state.handle.pose;
-  record.model.handle_twist = world.tool().state.handle.twist;
+  endWith(couplingWrench(world), world, record.model);
 }
 
 // After a step that was done again in shorter ones: theirs are force and motion. The derivatives are those of a whole
@@ -48,9 +53,9 @@ HandleModel modelAfterRedoing(World& world, const DeviceTarget& target, const Vi
     if (whole.step.status == StepStatus::ok) model = modelOf(world, settings, whole, previous);
     record.linearization_s = whole.linearization_s;
   }
-  model.force = force;
-  model.pose = model.handle_pose = world.tool().state.handle.pose;
-  model.twist = model.handle_twist = world.tool().state.handle.twist;
+  endWith(force, world, model);
+  model.pose = model.handle_pose;
+  model.twist = model.handle_twist;
   model.time = record.time;
   return model;
 }
