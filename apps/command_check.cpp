@@ -47,8 +47,9 @@ void check(const CheckOptions& options) {
                      fmt::format("{} s is after the end of the scene at {} s", options.at, config.duration));
   }
   if (!options.scene.overrides.method) config.method = MethodName::hsl_exact;
-  if (config.method == MethodName::vc)
-    throw InputError("--method", "", "vc has no linearization; give hsl or hsl-exact");
+  if (config.method == MethodName::vc || config.method == MethodName::live)
+    throw InputError("--method", "",
+                     fmt::format("{} has no Kx and Kv; give hsl or hsl-exact", toString(config.method)));
   OutputFolder folder(options.out.empty() ? "out/check-" + config.name : options.out);
   BuiltScene scene = buildScene(config);
   const DeviceTarget target = runUntil(scene, timingOf(config), options.at);

@@ -32,7 +32,7 @@ SceneConfig methodFor(const std::string& option, const std::string& method, Scen
   try {
     applyOverrides(config, overrides);
   } catch (const InputError&) {
-    throw InputError(option, "", "must be hsl, hsl-exact or vc, not '" + method + "'");
+    throw InputError(option, "", "must be live, hsl, hsl-exact or vc, not '" + method + "'");
   }
   return config;
 }

@@ -18,7 +18,7 @@ struct SceneOptions {
   }
 
   void addOverrides(CLI::App& command) {
-    command.add_option("--method", overrides.method, "hsl, hsl-exact or vc")->type_name("NAME");
+    command.add_option("--method", overrides.method, "live, hsl, hsl-exact or vc")->type_name("NAME");
     command.add_option("--aim", overrides.aim, "What the visual handle aims at: sample or predicted")
         ->type_name("NAME");
     command.add_option("--derivative", overrides.derivative, "Derivative in the handle model: frozen or full")

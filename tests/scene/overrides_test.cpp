@@ -73,7 +73,7 @@ TEST(Overrides, RejectBadValuesByOption) {
   EXPECT_EQ(rejectedOverride({.visual_dt = 0.0}), "--visual-dt: 0 is out of range; it must be above 0 and at most 1 s");
   EXPECT_EQ(rejectedOverride({.visual_dt = 0.011}),
             "--visual-dt: 0.011 s is not a whole multiple of the haptic step, 0.002 s");
-  EXPECT_EQ(rejectedOverride({.method = "hsl2"}), "--method: \"hsl2\" is not one of hsl, hsl-exact, vc");
+  EXPECT_EQ(rejectedOverride({.method = "hsl2"}), "--method: \"hsl2\" is not one of live, hsl, hsl-exact, vc");
   EXPECT_EQ(rejectedOverride({.aim = ""}), "--aim: \"\" is not one of sample, predicted");
   EXPECT_EQ(rejectedOverride({.derivative = "none"}), "--derivative: \"none\" is not one of frozen, full");
   EXPECT_EQ(rejectedOverride({.cone = "round"}), "--cone: \"round\" is not one of polyhedral, exact");

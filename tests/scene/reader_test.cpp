@@ -365,7 +365,7 @@ const BadChange kBadRanges[] = {
      "visual.step:", "not a whole multiple of the haptic step, 0.002 s"},
     {"visual: {step: 0.02, substeps: 3}", "visual: {step: 0.0005}", "visual.step:", "not a whole multiple"},
     {"latency: 2", "latency: -1", "latency (", "at least 0 and at most 100"},
-    {"method: hsl-exact", "method: hls", "method (", "\"hls\" is not one of hsl, hsl-exact, vc"},
+    {"method: hsl-exact", "method: hls", "method (", "\"hls\" is not one of live, hsl, hsl-exact, vc"},
     {"aim: predicted", "aim: guess", "aim (", "not one of sample, predicted"},
     {"derivative: full", "derivative: half", "linearization.derivative (", "not one of frozen, full"},
     {"cone: exact", "cone: round", "contact.cone (", "not one of polyhedral, exact"},

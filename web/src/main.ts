@@ -28,6 +28,7 @@ const PLOTS_EVERY = 33; // ms
 const SPEEDS = [0.05, 0.1, 0.25, 0.5, 1];
 const REPLAY_SPEEDS = [0.1, 0.25, 0.5, 1, 2, 4];
 const METHOD_NAMES: Record<string, string> = {
+  live: 'live: tool in the tick',
   hsl: 'hsl: linearized',
   'hsl-exact': 'hsl-exact',
   vc: 'vc: virtual coupling',

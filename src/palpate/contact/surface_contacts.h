@@ -67,6 +67,8 @@ class SurfaceContacts {
   /// around a place is nearest changes from step to step; keeping those that carried force keeps the force steady.
   void follow(const Contact& earlier, const ContactSettings& settings, const FrictionTable& friction,
               std::vector<Contact>& out);
+  /// Which obstacle a surface is; -1: a body's.
+  int obstacleOf(int surface) const { return items_[static_cast<std::size_t>(surface)].obstacle; }
   /// Deepest overlap at the start [m], 0: none.
   double overlap() const { return overlap_; }
 

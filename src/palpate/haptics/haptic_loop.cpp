@@ -40,7 +40,9 @@ Vec6 HapticLoop::start(const Pose& device_pose, const Pose& proxy_pose, double n
   proxy_.reset(proxy_pose, Vec6::Zero());
   observer_.reset();
   counters_ = {};
-  has_model_ = false;
+  has_model_ = has_live_ = has_pending_ = false;
+  path_.clear();
+  path_.add({0, proxy_pose, Vec6::Zero()});
   start_time_ = now;
   last_device_pose_ = device_pose;
   const DeviceState device{device_pose, Vec6::Zero(), 0};
@@ -56,6 +58,7 @@ TickRecord HapticLoop::tick(const DeviceState& sample, const HandleModel* newest
   const HandleModel* model = takeModel(newest, record.flags);
   record.model_age = model ? now - model->time : std::numeric_limits<double>::infinity();
   record.raw = render(model, record.device, record);
+  path_.add({path_.end(), proxy_.pose(), proxy_.twist()});
 
   const double since_start = now - start_time_;
   const auto safe =
@@ -71,7 +74,8 @@ TickRecord HapticLoop::tick(const DeviceState& sample, const HandleModel* newest
 
 HapticLoopState HapticLoop::state() const noexcept {
   return {filter_.state(), proxy_.state(), safety_.state(), observer_,         counters_,
-          model_,          has_model_,     start_time_,     last_device_pose_, last_sent_};
+          model_,          has_model_,     live_,           pending_,          has_live_,
+          has_pending_,    path_,          start_time_,     last_device_pose_, last_sent_};
 }
 
 void HapticLoop::restore(const HapticLoopState& state) noexcept {
@@ -82,6 +86,11 @@ void HapticLoop::restore(const HapticLoopState& state) noexcept {
   counters_ = state.counters;
   model_ = state.model;
   has_model_ = state.has_model;
+  live_ = state.live;
+  pending_ = state.pending;
+  has_live_ = state.has_live;
+  has_pending_ = state.has_pending;
+  path_ = state.path;
   start_time_ = state.start_time;
   last_device_pose_ = state.device_pose;
   last_sent_ = state.sent;
@@ -89,6 +98,7 @@ void HapticLoop::restore(const HapticLoopState& state) noexcept {
 
 void HapticLoop::change(Rendering rendering, double model_age_limit) noexcept {
   settings_.rendering = rendering;
+  if (rendering != Rendering::live) has_live_ = has_pending_ = false;
   settings_.safety.model_age_limit = model_age_limit;
   safety_.setModelAgeLimit(model_age_limit);
 }
@@ -114,9 +124,48 @@ const HandleModel* HapticLoop::takeModel(const HandleModel* newest, TickFlags& f
   return nullptr;
 }
 
+void HapticLoop::offer(const LiveUpdate& update) noexcept {
+  if (has_live_ && update.model.index <= live_.model.index) return;
+  if (has_pending_ && update.model.index <= pending_.model.index) return;
+  pending_ = update;
+  has_pending_ = true;
+}
+
+// A new model is used from the tick on in which it has caught up with the path.
+void HapticLoop::takeLive(TickFlags& flags) noexcept {
+  if (!has_pending_) return;
+  constexpr int kMost = 4;  // ticks replayed within one
+  const std::int64_t now = path_.end() - 1;
+  const bool known =
+      live_tick_.replayTo(now, kMost, pending_.model, settings_.dt, settings_.proxy.gravity, path_, pending_.state);
+  if (!known || !isFinite(pending_.state) || !isFinite(pending_.model)) {
+    has_pending_ = false;
+    flags.set(TickFlag::model_rejected);
+  } else if (pending_.state.index < now) {
+    flags.set(TickFlag::model_catching_up);
+  } else {
+    live_ = pending_;
+    has_live_ = true;
+    has_pending_ = false;
+  }
+}
+
+TickFlags HapticLoop::stepLive(const DeviceState& device) noexcept {
+  const double dt = settings_.dt;
+  if (!has_live_) return proxy_.step(nullptr, settings_.link, device, dt);
+  const LiveTickInput input{dt, settings_.proxy.gravity, settings_.link, device.pose, device.twist};
+  const Vec6 twist = live_tick_.step(live_.model, input, proxy_.pose(), proxy_.twist(), live_.state);
+  const TickFlags flags = proxy_.move(twist, device, dt);
+  if (!isFinite(live_.state)) has_live_ = false;  // the next model begins anew
+  return flags;
+}
+
 Vec6 HapticLoop::render(const HandleModel* model, const DeviceState& device, TickRecord& record) noexcept {
   if (settings_.rendering == Rendering::linearized) {
     record.flags |= proxy_.step(model, settings_.link, device, settings_.dt);
+  } else if (settings_.rendering == Rendering::live) {
+    takeLive(record.flags);
+    record.flags |= stepLive(device);
   } else if (model) {
     proxy_.reset(model->handle_pose, model->handle_twist);
   } else {

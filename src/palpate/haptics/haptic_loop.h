@@ -4,6 +4,7 @@
 #include "palpate/haptics/device_filter.h"
 #include "palpate/haptics/proxy.h"
 #include "palpate/haptics/safety.h"
+#include "palpate/live/live_tick.h"
 
 namespace palpate {
 
@@ -11,6 +12,7 @@ namespace palpate {
 enum class Rendering {
   linearized,        ///< proxy pulled by the handle model: `hsl` and `hsl-exact`, which differ in the model only
   virtual_coupling,  ///< `vc`: device coupled to the newest visual handle, no proxy
+  live,              ///< `live`: the proxy moves with a small copy of the tool
 };
 
 /// Tool whose weight the device does not show. It is taken as rigid: a constant force at a point fixed in the handle.
@@ -52,6 +54,9 @@ struct HapticLoopState {
   TickCounters counters;
   HandleModel model;  ///< last good one
   bool has_model = false;
+  LiveUpdate live, pending;  ///< in use; being replayed
+  bool has_live = false, has_pending = false;
+  HandlePath path;
   double start_time = 0.0;   ///< [s]
   Pose device_pose;          ///< of the last tick
   Vec6 sent = Vec6::Zero();  ///< by the last tick [N; N m]
@@ -77,6 +82,12 @@ class HapticLoop {
   /// @param now     [s]
   TickRecord tick(const DeviceState& sample, const HandleModel* newest, double now) noexcept;
 
+  /// A live model for the next ticks, to be used once it is replayed to where the path ends. Between two ticks; copied.
+  /// One older than the one in use is left aside.
+  void offer(const LiveUpdate& update) noexcept;
+  /// Of the proxy, a point at each tick; the last is where the next tick begins.
+  const HandlePath& path() const noexcept { return path_; }
+
   /// Another way to make the force, from the next tick on; between two ticks. The proxy goes on from where it is.
   /// @param model_age_limit  at which a model is stale [s]
   void change(Rendering rendering, double model_age_limit) noexcept;
@@ -92,6 +103,8 @@ class HapticLoop {
  private:
   DeviceState readDevice(const DeviceState& sample, TickFlags& flags) noexcept;
   const HandleModel* takeModel(const HandleModel* newest, TickFlags& flags) noexcept;
+  void takeLive(TickFlags& flags) noexcept;
+  TickFlags stepLive(const DeviceState& device) noexcept;
   Vec6 render(const HandleModel* model, const DeviceState& device, TickRecord& record) noexcept;
   Vec6 compensate(const Vec6& wrench, const Pose& handle) const noexcept;
 
@@ -103,6 +116,10 @@ class HapticLoop {
   TickCounters counters_;
   HandleModel model_;
   bool has_model_ = false;
+  LiveUpdate live_, pending_;
+  bool has_live_ = false, has_pending_ = false;
+  LiveTick live_tick_;
+  HandlePath path_;
   double start_time_ = 0.0;
   Pose last_device_pose_;
   Vec6 last_sent_ = Vec6::Zero();

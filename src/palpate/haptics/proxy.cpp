@@ -157,7 +157,14 @@ TickFlags HandleProxy::step(const HandleModel* model, const LinkParameters& link
                             double dt) noexcept {
   const Parts parts = evaluate(model, link, device, dt);
   TickFlags flags = parts.flags;
-  twist_ += solve(parts, dt, flags);
+  const Vec6 change = solve(parts, dt, flags);
+  flags |= move(twist_ + change, device, dt);
+  return flags;
+}
+
+TickFlags HandleProxy::move(const Vec6& twist, const DeviceState& device, double dt) noexcept {
+  TickFlags flags;
+  twist_ = twist;
   pose_ = advance(pose_, dt * twist_);
   if (!twist_.allFinite() || !pose_.allFinite()) {
     reset(device.pose, device.twist);

@@ -47,6 +47,9 @@ class HandleProxy {
   /// Advances the proxy by dt [s]. Without a model (nullptr) only link and weight act.
   TickFlags step(const HandleModel* model, const LinkParameters& link, const DeviceState& device, double dt) noexcept;
 
+  /// Advances the proxy by dt at a twist found elsewhere; with step()'s bounds.
+  TickFlags move(const Vec6& twist, const DeviceState& device, double dt) noexcept;
+
   /// The system that step() solves, before any projection: A = M - dt C + dt (B + dt K P) + dt dG/dw with
   /// C = dt Kx P + Kv, P the derivative of log(exp(dt w') R R0^T) by dt w'.
   ProxySystem assemble(const HandleModel* model, const LinkParameters& link, const DeviceState& device,

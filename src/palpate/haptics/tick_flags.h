@@ -22,6 +22,7 @@ enum class TickFlag : std::uint32_t {
   slew_limited,            ///< wrench changes more slowly than asked for
   ramping,                 ///< start ramp
   passivity_damped,        ///< passivity controller took energy out
+  model_catching_up,       ///< a newer live model is still being replayed along the path
   count
 };
 
@@ -42,7 +43,8 @@ constexpr const char* toString(TickFlag flag) {
                                                           "torque_clamped",
                                                           "slew_limited",
                                                           "ramping",
-                                                          "passivity_damped"};
+                                                          "passivity_damped",
+                                                          "model_catching_up"};
   return names[static_cast<std::size_t>(flag)];
 }
 

@@ -9,6 +9,7 @@
 #include "palpate/haptics/coupling.h"
 #include "palpate/protocol/byte_writer.h"
 #include "palpate/protocol/layout.h"
+#include "palpate/scene/checks.h"
 
 namespace palpate {
 namespace {
@@ -95,7 +96,7 @@ std::string sceneMessage(const SceneConfig& config, const BuiltScene& scene, con
   for (const SceneEntry& s : scenes) out["scenes"].push_back({{"name", s.name}, {"description", s.description}});
   out["handles"] = Json::array();
   for (const HandleConfig& h : config.tool.handles) out["handles"].push_back(h.name);
-  out["methods"] = {toString(MethodName::hsl), toString(MethodName::hsl_exact), toString(MethodName::vc)};
+  out["methods"] = methodNames();
   out["bodies"] = Json::array();
   for (int i = 0; i < scene.world.bodies(); ++i) {
     const Body body = scene.world.body(i);

@@ -9,6 +9,7 @@
 #include "palpate/haptics/haptic_loop.h"
 #include "palpate/linearization/linearize.h"
 #include "palpate/mesh/embed_surface.h"
+#include "palpate/reduction/live_settings.h"
 #include "palpate/scene/config.h"
 #include "palpate/simulation/world.h"
 
@@ -19,6 +20,7 @@ struct BuiltScene {
   World world;
   HapticSettings haptic;
   LinearizationSettings linearization;
+  LiveSettings live;
   std::unique_ptr<Device> device;
   Pose start;                                            ///< first pose of the device
   int tetrahedra = 0, nodes = 0, surface_triangles = 0;  ///< of all bodies

@@ -27,7 +27,7 @@ double wantedTetrahedra(const BodyConfig& body) {
 }  // namespace
 
 const std::vector<std::string>& methodNames() {
-  static const std::vector<std::string> names{"hsl", "hsl-exact", "vc"};
+  static const std::vector<std::string> names{"live", "hsl", "hsl-exact", "vc"};
   return names;
 }
 const std::vector<std::string>& aimNames() {

@@ -23,8 +23,8 @@ namespace palpate {
 // are unique, references lead somewhere. What only a mesh can tell, e.g. whether a region holds nodes, is the builder's
 // to check. Where a part of the file is a room's settings, it is that room's struct, with that room's defaults.
 
-/// How the haptic loop makes its force; `hsl`, `hsl-exact` and `vc` in files.
-enum class MethodName { hsl, hsl_exact, vc };
+/// How the haptic loop makes its force; `live`, `hsl`, `hsl-exact` and `vc` in files.
+enum class MethodName { live, hsl, hsl_exact, vc };
 /// What the visual handle is pulled towards: the device sample, or where the device will be when the model is used.
 enum class AimName { sample, predicted };
 /// Derivative of the step that the handle model holds: stiffness and element rotations frozen, or everything live.

@@ -9,7 +9,14 @@ namespace palpate {
 // What a method is to the two loops.
 
 inline Rendering renderingOf(MethodName method) {
-  return method == MethodName::vc ? Rendering::virtual_coupling : Rendering::linearized;
+  switch (method) {
+    case MethodName::live:
+      return Rendering::live;
+    case MethodName::vc:
+      return Rendering::virtual_coupling;
+    default:
+      return Rendering::linearized;
+  }
 }
 inline DelassusModel delassusOf(MethodName method) {
   return method == MethodName::hsl_exact ? DelassusModel::exact : DelassusModel::diagonal;

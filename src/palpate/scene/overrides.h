@@ -9,7 +9,7 @@ namespace palpate {
 
 /// What the command line sets instead of the scene; absent: the scene's value.
 struct Overrides {
-  std::optional<std::string> method{};      ///< --method: hsl, hsl-exact or vc
+  std::optional<std::string> method{};      ///< --method: live, hsl, hsl-exact or vc
   std::optional<std::string> aim{};         ///< --aim: sample or predicted
   std::optional<std::string> derivative{};  ///< --derivative: frozen or full
   std::optional<std::string> cone{};        ///< --cone: polyhedral or exact

@@ -14,9 +14,13 @@ LockstepRun::LockstepRun(BuiltScene& scene, const RunTiming& timing, const RunSi
       loop_(scene.haptic),
       filter_(scene.haptic.filter),
       newest_(startModel(scene, timing)),
-      last_(newest_) {
+      last_(newest_),
+      live_(scene.live, timing.haptic_step) {
   filter_.reset(scene.start);
   startHaptics(scene, loop_);
+  if (!isLive(scene)) return;
+  live_.begin(scene.world, timing.visual_step, 0, 0.0);
+  loop_.offer({live_.model(), startState(live_.model())});
 }
 
 void LockstepRun::runUntil(std::int64_t end) {
@@ -25,7 +29,7 @@ void LockstepRun::runUntil(std::int64_t end) {
     const DeviceState device = scene_.device->sample(t);
     if (tick_ % ticks_per_step_ == 0) visualStepAt(t, device);
     while (!arrivals_.empty() && arrivals_.front().tick <= tick_) {
-      newest_ = arrivals_.front().model;
+      arrive(arrivals_.front());
       arrivals_.pop_front();
     }
     tickAt(t, device);
@@ -34,12 +38,25 @@ void LockstepRun::runUntil(std::int64_t end) {
 
 void LockstepRun::visualStepAt(double t, const DeviceState& device) {
   const DeviceTarget target = aimAt(filter_.accept(device), timing_);
-  const VisualRecord record = visualStep(scene_.world, target, visualSettings(scene_, timing_), t, last_);
+  const VisualStepSettings settings = visualSettings(scene_, timing_);
+  const VisualRecord record = isLive(scene_) ? live_.step(scene_.world, loop_.path(), settings, t, last_)
+                                             : visualStep(scene_.world, target, settings, t, last_);
   last_ = record.model;
-  arrivals_.push_back({tick_ + timing_.latency * ticks_per_step_, record.model});
+  arrivals_.push_back({tick_ + timing_.latency * ticks_per_step_, record.model, nullptr});
+  if (isLive(scene_)) arrivals_.back().live = std::make_shared<LiveModel>(live_.model());
   sink_.stepped(scene_.world, record);
   sink_.visual(record);
   sink_.progress(static_cast<double>(tick_) / static_cast<double>(ticks_));
+}
+
+// A live model comes replayed along the path that the proxy has taken meanwhile.
+void LockstepRun::arrive(const ModelArrival& arrival) {
+  newest_ = arrival.model;
+  if (!arrival.live) return;
+  LiveUpdate update{*arrival.live, startState(*arrival.live)};
+  replay_.replayTo(tick_, static_cast<int>(HandlePath::kCapacity), update.model, timing_.haptic_step,
+                   scene_.world.gravity, loop_.path(), update.state);
+  loop_.offer(update);
 }
 
 void LockstepRun::tickAt(double t, const DeviceState& device) {
@@ -51,8 +68,8 @@ void LockstepRun::tickAt(double t, const DeviceState& device) {
 }
 
 LockstepState LockstepRun::state() const {
-  return {tick_,    scene_.world.state(), loop_.state(), filter_.state(), scene_.device->save(), newest_, last_,
-          arrivals_};
+  return {tick_, scene_.world.state(), loop_.state(), filter_.state(), scene_.device->save(), newest_,
+          last_, live_.state(),        arrivals_};
 }
 
 void LockstepRun::restore(const LockstepState& state) {
@@ -63,6 +80,7 @@ void LockstepRun::restore(const LockstepState& state) {
   tick_ = state.tick;
   newest_ = state.newest;
   last_ = state.last;
+  live_.restore(state.live);
   arrivals_ = state.arrivals;
 }
 

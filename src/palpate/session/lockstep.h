@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <deque>
+#include <memory>
 
 #include "palpate/devices/device_memory.h"
 #include "palpate/haptics/device_filter.h"
@@ -10,6 +11,7 @@
 #include "palpate/session/run_record.h"
 #include "palpate/session/run_timing.h"
 #include "palpate/simulation/world_state.h"
+#include "palpate/visual/live_step.h"
 
 namespace palpate {
 
@@ -17,6 +19,7 @@ namespace palpate {
 struct ModelArrival {
   std::int64_t tick;  ///< from which on it counts
   HandleModel model;
+  std::shared_ptr<const LiveModel> live;  ///< with method `live`
 };
 
 /// All of a run in virtual time between two ticks: given back to a run of the same scene, it goes on to the bit.
@@ -28,6 +31,7 @@ struct LockstepState {
   DeviceMemory device;
   HandleModel newest;  ///< in use by the haptic loop
   HandleModel last;    ///< of the last visual step
+  LiveVisualState live;
   std::deque<ModelArrival> arrivals;
 };
 
@@ -50,6 +54,7 @@ class LockstepRun {
 
  private:
   void visualStepAt(double t, const DeviceState& device);
+  void arrive(const ModelArrival& arrival);
   void tickAt(double t, const DeviceState& device);
 
   BuiltScene& scene_;
@@ -60,6 +65,8 @@ class LockstepRun {
   DeviceFilter filter_;
   std::int64_t tick_ = 0;
   HandleModel newest_, last_;
+  LiveVisual live_;
+  LiveTick replay_;
   std::deque<ModelArrival> arrivals_;
   DurationHistogram work_;
 };

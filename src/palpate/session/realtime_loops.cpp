@@ -24,11 +24,36 @@ RealtimeLoops::RealtimeLoops(BuiltScene& scene, const RunTiming& timing, Stepped
       filter_(scene.haptic.filter),
       last_(startModel(scene, timing)),
       budget_(budgetOf(timing)),
+      live_(scene.live, timing.haptic_step),
+      points_(kTickRows),
       ticks_(kTickRows),
       visuals_(kVisualRows) {
   filter_.reset(scene.start);
   models_.write(last_);
   startHaptics(scene, loop_);
+  points_.push(loop_.path()[loop_.path().end() - 1]);
+  if (live()) beginLive();
+}
+
+// A live model of the world as it stands, for the end of the path.
+void RealtimeLoops::beginLive() {
+  readPath();
+  live_.begin(scene_.world, timing_.visual_step, path_.end() - 1, time());
+  sendLive();
+}
+
+void RealtimeLoops::readPath() {
+  PathPoint point;
+  while (points_.pop(point)) path_.add(point);
+}
+
+// Replayed as far as the path is known; the haptic loop does the rest.
+void RealtimeLoops::sendLive() {
+  readPath();
+  LiveUpdate update{live_.model(), startState(live_.model())};
+  replay_.replayTo(path_.end() - 1, static_cast<int>(HandlePath::kCapacity), update.model, timing_.haptic_step,
+                   scene_.world.gravity, path_, update.state);
+  lives_.write(update);
 }
 
 RealtimeLoops::~RealtimeLoops() {
@@ -40,8 +65,12 @@ RealtimeLoops::~RealtimeLoops() {
 
 TickRecord RealtimeLoops::tickAt(std::int64_t k, const DeviceState& device, const HandleModel* model) {
   const double t = static_cast<double>(k) * timing_.haptic_step;
+  if (live()) {
+    if (const LiveUpdate* update = lives_.read()) loop_.offer(*update);
+  }
   const TickRecord record = loop_.tick(device, model, t);
   scene_.device->apply(record.sent, t, timing_.haptic_step);
+  points_.push(loop_.path()[loop_.path().end() - 1]);
   ticks_.push(record);
   return record;
 }
@@ -50,11 +79,14 @@ void RealtimeLoops::stepAt(double now, double lateness, const DeviceState& devic
   substeps_.store(budget_.substeps(), std::memory_order_relaxed);
   VisualStepSettings settings = visualSettings(scene_, timing_);
   settings.substeps = budget_.substeps();
-  VisualRecord record = visualStep(scene_.world, aimAt(filter_.accept(device), timing_), settings, now, last_);
+  readPath();
+  VisualRecord record = live() ? live_.step(scene_.world, path_, settings, now, last_)
+                               : visualStep(scene_.world, aimAt(filter_.accept(device), timing_), settings, now, last_);
   budget_.took(record.step.times.total() + record.linearization_s);
   last_ = record.model;
   record.lateness_s = lateness;
   models_.write(record.model);
+  if (live()) sendLive();
   if (stepped_) stepped_(scene_.world, record);
   visuals_.push(record);
 }
@@ -147,7 +179,9 @@ void RealtimeLoops::stepOnce() {
 void RealtimeLoops::change(Rendering rendering, const RunTiming& timing) {
   timing_ = timing;
   budget_ = budgetOf(timing);
+  const bool was_live = live();
   loop_.change(rendering, modelAgeLimit(timing.visual_step, timing.latency));
+  if (live() && !was_live) beginLive();
 }
 
 const PeriodicReport& RealtimeLoops::report() noexcept {

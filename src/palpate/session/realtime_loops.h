@@ -15,6 +15,7 @@
 #include "palpate/haptics/record_queue.h"
 #include "palpate/session/run_record.h"
 #include "palpate/session/run_timing.h"
+#include "palpate/visual/live_step.h"
 #include "palpate/visual/substep_budget.h"
 
 // What runs and what crosses. A LatestValue never makes either side wait: the writer overwrites, the reader takes the
@@ -24,7 +25,11 @@
 //   | haptic thread, 1 kHz,          | ------------------------------------> | visual thread, about 30 Hz      |
 //   | real-time priority if granted  |                                       | + the owner's Executor's workers|
 //   | owns: HapticLoop, Device       | <------------------------------------ | owns: World, DeviceFilter,      |
-//   |                                |    HandleModel: LatestValue models_   | SubstepBudget                   |
+//   |                                |    HandleModel: LatestValue models_   | SubstepBudget, LiveVisual       |
+//   |                                | <------------------------------------ |                                 |
+//   |                                |    LiveUpdate: LatestValue lives_     |                                 |
+//   |                                | ------------------------------------> |                                 |
+//   |                                |    PathPoint: RecordQueue points_     |                                 |
 //   +---------------+----------------+                                       +----------------+----------------+
 //                   |  TickRecord: RecordQueue ticks_                                         |
 //                   |  PeriodicReport: LatestValue reports_                                   |
@@ -97,6 +102,10 @@ class RealtimeLoops {
   bool leavesRoom(const Executor* executor) const;
   TickRecord tickAt(std::int64_t k, const DeviceState& device, const HandleModel* model);
   void stepAt(double now, double lateness, const DeviceState& device);
+  bool live() const { return loop_.settings().rendering == Rendering::live; }
+  void beginLive();
+  void readPath();
+  void sendLive();
 
   BuiltScene& scene_;
   RunTiming timing_;
@@ -105,11 +114,16 @@ class RealtimeLoops {
   DeviceFilter filter_;
   HandleModel last_;
   SubstepBudget budget_;
+  LiveVisual live_;
+  HandlePath path_;  // as far as the visual loop knows it
+  LiveTick replay_;
   PeriodicReport haptic_report_, visual_report_, copy_;
   RealtimeGrant grant_;  // the haptic loop's, until asked_
   const std::string none_;
   LatestValue<HandleModel> models_;   // visual to haptic
+  LatestValue<LiveUpdate> lives_;     // the same, with method `live`
   LatestValue<DeviceState> samples_;  // haptic to visual
+  RecordQueue<PathPoint> points_;     // the same, with method `live`
   LatestValue<PeriodicReport> reports_;
   RecordQueue<TickRecord> ticks_;
   RecordQueue<VisualRecord> visuals_;

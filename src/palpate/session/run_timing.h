@@ -22,6 +22,8 @@ RunTiming timingOf(const SceneConfig& config);
 /// What the visual handle aims at, from a device sample.
 DeviceTarget aimAt(const DeviceState& device, const RunTiming& timing);
 
+inline bool isLive(const BuiltScene& scene) { return scene.haptic.rendering == Rendering::live; }
+
 /// What the run's visual steps are taken with.
 VisualStepSettings visualSettings(const BuiltScene& scene, const RunTiming& timing);
 

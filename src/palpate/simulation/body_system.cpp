@@ -24,14 +24,16 @@ void BodySystem::assemble(const StepInput& input, BodyState& state) {
   const double h = input.step;
   c_ = h * fem.material().damping_beta + h * h;
   x0_ = state.positions;
-  v0_ = state.velocities;
+  v0_ = start_velocities_ = state.velocities;
   start_ = state.handle;
-  if (ahead_.isFor(x0_)) {
+  if (follows()) moveRigidly();
+  const VecX& x = follows() ? moved_ : x0_;
+  if (ahead_.isFor(x)) {
     state.elastic.rotations.swap(ahead_.rotations);
     f_.swap(ahead_.forces);
   } else {
-    fem.updateRotations(x0_, state.elastic);
-    fem.forces(x0_, state.elastic, f_);
+    fem.updateRotations(x, state.elastic);
+    fem.forces(x, state.elastic, f_);
   }
   ahead_.clear();
   tension_.clear();
@@ -45,6 +47,33 @@ void BodySystem::assemble(const StepInput& input, BodyState& state) {
   });
 }
 
+// All nodes to where the handle's path leads them as one rigid body, and the shift.
+void BodySystem::moveRigidly() {
+  const FollowedHandle& followed = input_.followed;
+  const double h = input_.step;
+  const Pose& end = followed.end.pose;
+  const Mat3 turn = (end.rotation * start_.pose.rotation.conjugate()).toRotationMatrix();
+  moved_ = x0_;
+  carried_.resize(3 * model_->freeNodes());
+  for (int r = 0; r < model_->freeNodes(); ++r) {
+    const int i = model_->free()[r];
+    auto x = moved_.segment<3>(3 * i);
+    x = end.position + turn * (x0_.segment<3>(3 * i) - start_.pose.position);
+    const Vec3 rigid = (x - x0_.segment<3>(3 * i)) / h;
+    auto v = v0_.segment<3>(3 * i);
+    if (followed.velocity.size() > 0) v += start_.pose.rotation * followed.velocity.segment<3>(3 * r);
+    v -= rigid;  // the right side needs it so
+    carried_.segment<3>(3 * r) = rigid;
+    if (followed.shift.size() == 0) continue;
+    const Vec3 shift = end.rotation * followed.shift.segment<3>(3 * r);
+    x += shift;
+    carried_.segment<3>(3 * r) += shift / h;
+  }
+  for (std::size_t k = 0; k < handle().nodes.size(); ++k) {
+    moved_.segment<3>(3 * handle().nodes[k]) = end.apply(handle().offsets[k]);
+  }
+}
+
 void BodySystem::assembleRightSides() {
   const double h = input_.step;
   const int columns = model_->framed() ? 7 : 1;
@@ -54,6 +83,10 @@ void BodySystem::assembleRightSides() {
     const double m = model_->elasticity().mass()[i];
     rhs_.col(columns - 1).segment<3>(3 * r) =
         m * v0_.segment<3>(3 * i) + h * (f_.segment<3>(3 * i) + m * input_.gravity);
+    if (follows()) {
+      rhs_.col(columns - 1).segment<3>(3 * r) -=
+          h * model_->elasticity().material().damping_alpha * m * carried_.segment<3>(3 * r);
+    }
   }
   if (!model_->framed()) return;
   pullHandle();
@@ -79,7 +112,7 @@ void BodySystem::addPull(int element) {
   const ElasticState& elastic = state_->elastic;
   const double mu = elastic.stiffness_scale * e.mu, lambda = elastic.stiffness_scale * e.lambda;
   const auto pad = [](const Vec3& v) { return Vec4(v[0], v[1], v[2], 0.0); };
-  const Mat3 rotation = start_.pose.matrix();
+  const Mat3 rotation = grip().matrix();
   std::array<Vec3, 4> arm;
   std::array<Vec4, 4> c;
   Vec4 sum = Vec4::Zero(), moment = Vec4::Zero();
@@ -155,8 +188,19 @@ void BodySystem::assembleHandle() {
   a_hh_ = mass0_ + c_ * gkg_;
   a_hh_.topLeftCorner<3, 3>().diagonal().array() += drag * handle().attached_mass;
   a_hh_.bottomRightCorner<3, 3>() += drag * rotation * handle().attached_inertia * rotation.transpose();
+  if (follows()) {
+    weighDown();
+    return;
+  }
   if (model_->held()) addLink(wrench);
   b_h_ = mass0_ * start_.twist + h * wrench;
+}
+
+// The reaction of the tool moves a handle on its path by less than a ten thousandth of what it moves a free one.
+void BodySystem::weighDown() {
+  constexpr double kHeavy = 1e4;
+  a_hh_.diagonal().head<3>().array() += kHeavy * a_hh_.topLeftCorner<3, 3>().trace();
+  a_hh_.diagonal().tail<3>().array() += kHeavy * a_hh_.bottomRightCorner<3, 3>().trace();
 }
 
 void BodySystem::addLink(Vec6& wrench) {
@@ -251,6 +295,13 @@ void BodySystem::solveFree() {
     const Eigen::Matrix<double, 6, 6> q = a_th_.transpose() * x_th_;
     const Eigen::Matrix<double, 6, 6> s = a_hh_ - 0.5 * (q + q.transpose());
     s_inverse_ = s.inverse();
+    if (follows()) {
+      u_free_ = poseDifference(input_.followed.end.pose, start_.pose) / input_.step;
+      v_free_ = carried_ + solution_.col(6);
+      v_end_ = v_free_;
+      u_end_ = u_free_;
+      return;
+    }
     u_free_ = s_inverse_ * (b_h_ - a_th_.transpose() * solution_.col(6));
     v_free_ = solution_.col(6) - x_th_ * u_free_;
   }
@@ -564,22 +615,40 @@ Vec3 BodySystem::arcOffset(const ContactPoint& point, const VecX& x_end) const {
   return offset;
 }
 
+Vec6 BodySystem::wrenchOnHandle(const BodyState& end) const {
+  Vec6 wrench = Vec6::Zero();
+  if (!ahead_.isFor(end.positions)) return wrench;
+  for (std::size_t k = 0; k < handle().nodes.size(); ++k) {
+    const Vec3 force = ahead_.forces.segment<3>(3 * handle().nodes[k]);
+    wrench.head<3>() += force;
+    wrench.tail<3>() += (end.handle.pose.rotation * handle().offsets[k]).cross(force);
+  }
+  if (!follows()) return wrench;
+  return wrench - model_->elasticity().material().damping_beta / c_ * (a_th_.transpose() * (v_end_ - carried_));
+}
+
 bool BodySystem::advance() {
   if (!endIsFinite()) return false;
   BodyState& state = *state_;
   endPositions(state.positions);
+  const bool shifted = follows() && input_.followed.shift.size() > 0;
   for (int r = 0; r < model_->freeNodes(); ++r) {
-    state.velocities.segment<3>(3 * model_->free()[r]) = v_end_.segment<3>(3 * r);
+    Vec3 v = v_end_.segment<3>(3 * r);
+    // a correction is no motion
+    if (shifted) v -= input_.followed.end.pose.rotation * input_.followed.shift.segment<3>(3 * r) / input_.step;
+    state.velocities.segment<3>(3 * model_->free()[r]) = v;
   }
   if (model_->framed()) {
-    model_->setHandle({palpate::advance(start_.pose, input_.step * u_end_), u_end_}, state);
+    // on its path it has the velocity recorded there, not the mean one
+    const Vec6 twist = follows() ? Vec6(input_.followed.end.twist + u_end_ - u_free_) : u_end_;
+    model_->setHandle({palpate::advance(start_.pose, input_.step * u_end_), twist}, state);
   }
   return true;
 }
 
 void BodySystem::retreat() {
   state_->positions = x0_;
-  state_->velocities = v0_;
+  state_->velocities = start_velocities_;
   state_->handle = start_;
   ahead_.clear();
 }

@@ -15,6 +15,15 @@
 
 namespace palpate {
 
+/// A handle that follows a path instead of being pulled by the link.
+struct FollowedHandle {
+  bool on = false;
+  HandleState end;  ///< at the end of the step
+  /// Of the free nodes, handle's frame, 3 a free node, or empty: displacement that the step makes besides, and what is
+  /// added to the velocities at its start. [m], [m/s]
+  VecX shift, velocity;
+};
+
 /// Given for one step.
 struct StepInput {
   double step = 0.033;  ///< h [s]
@@ -24,6 +33,8 @@ struct StepInput {
   /// A has the stiffness of tension as well (fem/elastic_mesh.h): for static solutions. In motion it would be a drag on
   /// what turns, as A acts on velocities against the world.
   bool tension = false;
+  /// Of a held body.
+  FollowedHandle followed{};
 };
 
 /// The linear system of one body's semi-implicit backward Euler step, and its scratch. It holds nothing that the next
@@ -34,6 +45,11 @@ struct StepInput {
 ///
 /// with v the velocities of the free nodes and u the handle's twist. The handle is eliminated by the Schur complement
 /// S = A_hh - A_th^T X, X = A_tt^-1 A_th.
+///
+/// Where the handle follows a path, A is that of the positions to which handle and free nodes have moved as one rigid
+/// body; the unknowns are velocities against that motion, v_r, and the handle is so heavy that it stays on its path
+/// unless contact stops it:
+///     A_tt (v - v_r) = M (v0 - v_r) + h (f + m g - alpha M v_r) + J_t^T lambda
 class BodySystem {
  public:
   /// @param model  must outlive this
@@ -111,6 +127,9 @@ class BodySystem {
   double elasticEnergy(const BodyState& state) {
     return model_->elasticity().energyAt(state.positions, state.elastic, ahead_);
   }
+  /// Wrench of the tool on a handle that follows a path, elastic and damping, at the end of the step [N; N m], about
+  /// its origin, world; from the forces that elasticEnergy() found there.
+  Vec6 wrenchOnHandle(const BodyState& end) const;
   /// The state was set from outside: nothing found ahead of the next step holds.
   void forget() { ahead_.clear(); }
 
@@ -118,7 +137,7 @@ class BodySystem {
   const StepInput& input() const { return input_; }
   double stiffnessScale() const { return c_; }  ///< c = h beta + h^2
   const VecX& startPositions() const { return x0_; }
-  const VecX& startVelocities() const { return v0_; }
+  const VecX& startVelocities() const { return start_velocities_; }
   const Pose& startPose() const { return start_.pose; }
   const Vec6& startTwist() const { return start_.twist; }
   const VecX& elasticForces() const { return f_; }      ///< at the start, all nodes [N]
@@ -141,7 +160,12 @@ class BodySystem {
   Eigen::Matrix<double, 3, 6> jacobian(int node) const {
     return handle().jacobian(model_->attachedIndex()[node], start_.pose);
   }
+  /// Where the attached nodes are in the positions that A is of.
+  const Pose& grip() const { return follows() ? input_.followed.end.pose : start_.pose; }
+  bool follows() const { return model_->held() && input_.followed.on; }
+  void moveRigidly();
   void assembleRightSides();
+  void weighDown();
   void pullHandle();
   void addPull(int element);
   void assembleHandle();
@@ -162,7 +186,8 @@ class BodySystem {
 
   StepInput input_;
   double c_ = 0;
-  VecX x0_, v0_, f_;
+  VecX x0_, start_velocities_, v0_, f_;  // v0: against v_r where the handle follows a path
+  VecX moved_, carried_;  // followed handle: positions that A is of; v_r and the shift's velocity, of the free nodes
   std::vector<Mat3> tension_;  // P of each element, times h / sqrt(c): it does not damp; empty: left out
   HandleState start_;
   ElasticAhead ahead_;

@@ -1,7 +1,11 @@
 #pragma once
 
+#include <algorithm>
+#include <vector>
+
 #include "palpate/math/rotation.h"
 #include "palpate/math/types.h"
+#include "palpate/rigid/handle.h"
 
 namespace palpate {
 
@@ -16,5 +20,24 @@ inline DeviceTarget between(const DeviceTarget& from, const DeviceTarget& to, do
   const Vec6 way = poseDifference(to.pose, from.pose);
   return {advance(from.pose, share * way), (1.0 - share) * from.twist + share * to.twist};
 }
+
+/// What the tool's handle does during a step instead of being pulled: it follows recorded states.
+struct ToolPath {
+  std::vector<HandleState> points;  ///< at equal intervals, the first at the start of the step, the last at its end
+  /// Corrections of the tool's free nodes, handle's frame, 3 a free node, or empty: a displacement that the step makes
+  /// besides, and what is added to the velocities at its start. [m], [m/s]
+  VecX shift, velocity;
+
+  /// @param share  of the step, in [0, 1]
+  HandleState at(double share) const {
+    const double place = share * static_cast<double>(points.size() - 1);
+    const std::size_t k = std::min(static_cast<std::size_t>(place), points.size() - 1);
+    const double rest = place - static_cast<double>(k);
+    if (k + 1 == points.size() || rest < 1e-9) return points[k];
+    const DeviceTarget here{points[k].pose, points[k].twist}, next{points[k + 1].pose, points[k + 1].twist};
+    const DeviceTarget found = between(here, next, rest);
+    return {found.pose, found.twist};
+  }
+};
 
 }  // namespace palpate

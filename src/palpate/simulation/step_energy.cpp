@@ -18,7 +18,17 @@ StepWork workOn(const BodySystem& system, const BodyState& end) {
     moment += model.handle().mass * (end.handle.pose.position - system.startPose().position);
   }
   work.add(input.gravity.dot(moment));
-  if (model.held()) {
+  if (model.held() && input.followed.on) {
+    // who leads the handle gives it what it has more, and what the tool resists
+    const Vec6 motion = poseDifference(end.handle.pose, system.startPose());
+    const auto kinetic = [&](const HandleState& h) {
+      return 0.5 * h.twist.dot(model.handle().massMatrix(h.pose) * h.twist);
+    };
+    work.add(kinetic(end.handle) - kinetic({system.startPose(), system.startTwist()}));
+    const Vec6 wrench = system.wrenchOnHandle(end);
+    work.add(-wrench.head<3>().dot(motion.head<3>()));
+    work.add(-wrench.tail<3>().dot(motion.tail<3>()));
+  } else if (model.held()) {
     const Vec6 on_device =
         linkWrenchOnDevice(input.link, end.handle.pose, end.handle.twist, input.device.pose, input.device.twist);
     const Vec6 motion = poseDifference(end.handle.pose, system.startPose());

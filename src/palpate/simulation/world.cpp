@@ -244,6 +244,8 @@ constexpr int kGoodParts = 4;  // so many good parts before a longer one is trie
 constexpr double kWholeShare = 1.0, kPartShare = 0.3;
 // an end whose energy is beyond what work explains, by this share of it and this much [J], is not believed
 constexpr double kEnergyShare = 0.03, kEnergyFloor = 1e-4;
+// corrections that come with a path bring some of their own
+constexpr double kFollowingFloor = 5e-3;
 
 // All bodies to the end of a part of a step. @returns false (nothing has happened) if it is not good enough; the last
 // try is always taken
@@ -260,7 +262,8 @@ bool World::tryStep(const StepInput& input, bool whole, bool last, StepReport& r
   StepWork work;
   for (int i = 0; i < bodies(); ++i) work += workOn(*systems_[i], state_.bodies[i]);
   const double made = energyMade(before, energy_, work);
-  if (!last && made > kEnergyShare * (before + energy_) + kEnergyFloor) {
+  const double floor = input.followed.on ? kFollowingFloor : kEnergyFloor;
+  if (!last && made > kEnergyShare * (before + energy_) + floor) {
     for (const auto& system : systems_) system->retreat();
     std::swap(state_.contacts, contacts_before_);
     energy_ = before;
@@ -268,6 +271,23 @@ bool World::tryStep(const StepInput& input, bool whole, bool last, StepReport& r
   }
   work_ += work;
   return true;
+}
+
+// Of the part of a step between two shares of it.
+StepInput World::inputAt(const Way& way, double from, double to) const {
+  const double h = (to - from) * way.step;
+  if (way.path == nullptr) {
+    const DeviceTarget target = to == 1 ? way.to : between(way.from, way.to, to);
+    return {h, gravity, saturatedLink(target), target};
+  }
+  StepInput input{h, gravity, link, way.to};
+  input.followed.on = true;
+  input.followed.end = way.path->at(to);
+  if (from == 0) {
+    input.followed.shift = way.path->shift;
+    input.followed.velocity = way.path->velocity;
+  }
+  return input;
 }
 
 // A part of the step, in one or in halves and halves of halves where that fails. Where the budget is used up it ends
@@ -279,11 +299,9 @@ void World::stepAlong(const Way& way, double from, double to, StepReport& sum) {
   halvings = std::max(0, halvings - 1);
   while (done < kShortest) {
     const int length = kShortest >> halvings;
-    const double end = from + (to - from) * (done + length) / kShortest;
-    const DeviceTarget target = done + length == kShortest && to == 1 ? way.to : between(way.from, way.to, end);
-    const StepInput input{(to - from) * way.step * length / kShortest, gravity, saturatedLink(target), target};
+    const auto shareAt = [&](int part) { return part == kShortest ? to : from + (to - from) * part / kShortest; };
     StepReport part;
-    if (!tryStep(input, length == kShortest, length == 1, part)) {
+    if (!tryStep(inputAt(way, shareAt(done), shareAt(done + length)), length == kShortest, length == 1, part)) {
       sum.times += part.times;
       ++halvings;
       successes = 0;
@@ -306,9 +324,23 @@ void World::stepAlong(const Way& way, double from, double to, StepReport& sum) {
 }
 
 StepReport World::step(const DeviceTarget& device, double h, int parts) {
+  const StepReport report = walk({state_.aimed ? state_.device : device, device, h}, parts);
+  if (device.pose.allFinite() && device.twist.allFinite()) {
+    state_.device = device;
+    state_.aimed = true;
+  }
+  return report;
+}
+
+StepReport World::follow(const ToolPath& path, double h, int parts) {
+  const HandleState& end = path.points.back();
+  state_.aimed = false;
+  return walk({{}, {end.pose, end.twist}, h, &path}, parts);
+}
+
+StepReport World::walk(const Way& way, int parts) {
   prepare();
   meter_.start(budget);
-  const Way way{state_.aimed ? state_.device : device, device, h};
   StepReport report;
   if (!energy_known_) findEnergies(report);
   const double before = energy_;
@@ -317,10 +349,6 @@ StepReport World::step(const DeviceTarget& device, double h, int parts) {
     stepAlong(way, static_cast<double>(k) / parts, static_cast<double>(k + 1) / parts, report);
   }
   report.energy_made = energyMade(before, energy_, work_);
-  if (device.pose.allFinite() && device.twist.allFinite()) {
-    state_.device = device;
-    state_.aimed = true;
-  }
   return report;
 }
 
@@ -345,6 +373,32 @@ void World::findEnergies(StepReport& report) {
   }
   energy_ = report.kinetic_energy + report.elastic_energy;
   energy_known_ = true;
+}
+
+void World::nearby(const VecX& tool_positions, double plane_reach, double surface_reach, std::vector<Contact>& out) {
+  prepare();
+  ContactSettings near = contact;
+  near.margin = surface_reach;
+  for (int i = 0; i < bodies(); ++i) {
+    const VecX& x = i == tool_ ? tool_positions : state_.bodies[i].positions;
+    const std::size_t first = out.size();
+    models_[i]->contactFinder().find(i, x, x, obstacles, plane_reach, out);
+    for (std::size_t k = first; k < out.size(); ++k) {
+      out[k].friction = friction_(i, FrictionTable::obstacle(out[k].partner));
+    }
+    if (!surfaces_.active()) continue;
+    surfaces_.setStart(i, x);
+    surfaces_.setEnd(i, x);
+  }
+  if (!surfaces_.active()) return;
+  surfaces_.allow(std::numeric_limits<double>::infinity());
+  surfaces_.find(near, friction_, out);
+}
+
+const Obstacle* World::obstacleOf(const Contact& c) const {
+  if (c.second.body >= 0) return nullptr;
+  const int i = c.features.second_surface < 0 ? c.partner : surfaces_.obstacleOf(c.features.second_surface);
+  return i >= 0 ? &obstacles[static_cast<std::size_t>(i)] : nullptr;
 }
 
 LinkParameters World::saturatedLink(const DeviceTarget& device) const {

@@ -76,6 +76,10 @@ class World {
   /// back where it crosses.
   /// @param parts  equal ones to begin with
   [[nodiscard]] StepReport step(const DeviceTarget& device, double h, int parts = 1);
+  /// As step(), but the tool's handle follows a path instead of being pulled by the link. Contact can stop it; the next
+  /// path then begins where it is.
+  /// @param path  with at least one point; needs a tool
+  [[nodiscard]] StepReport follow(const ToolPath& path, double h, int parts = 1);
   /// As step(), but positions and velocities stay as they were: for a model at the present state. Only a step that
   /// fails brings its body to rest.
   [[nodiscard]] StepReport evaluate(const DeviceTarget& device, double h);
@@ -85,6 +89,13 @@ class World {
   /// @returns the largest speed [m/s] of the last settling step
   /// @throws RunError if they do not settle: which motion is free, or where they move, with their extents and mass
   double settle(const std::vector<int>& moving, Pose device, const SettleProgress& progress = {});
+
+  /// All that is near now: points against planes within plane_reach, surfaces within surface_reach [m]; appends.
+  /// @param tool_positions  of the tool's nodes, in place of the state's
+  void nearby(const VecX& tool_positions, double plane_reach, double surface_reach, std::vector<Contact>& out);
+
+  /// What a contact is with, null: a body.
+  const Obstacle* obstacleOf(const Contact& contact) const;
 
   /// Contacts of the last step, of all bodies that moved.
   const ContactSet& contacts() const { return stage_.result(); }
@@ -103,6 +114,7 @@ class World {
   struct Way {  // of a visual step
     DeviceTarget from, to;
     double step;  // h
+    const ToolPath* path = nullptr;
   };
   struct BodyBegin {  // of a body's step
     bool good = false;
@@ -114,6 +126,8 @@ class World {
   std::vector<int> all() const;
   void requireFit(int i, const BodyState& state) const;
   void wasSet(int i);
+  StepReport walk(const Way& way, int parts);
+  StepInput inputAt(const Way& way, double from, double to) const;
   void stepAlong(const Way& way, double from, double to, StepReport& sum);
   bool tryStep(const StepInput& input, bool whole, bool last, StepReport& report);
   StepReport stepBodies(const std::vector<int>& moving, const StepInput& input, Ending ending, double share = 0.0);

@@ -13,7 +13,7 @@ namespace palpate {
 
 /// What the fidelity study varies; the rest (latency, aim, derivative, handle, ...) is the scene's.
 struct StudySettings {
-  std::vector<std::string> methods{"hsl", "hsl-exact", "vc"};
+  std::vector<std::string> methods{"live", "hsl", "hsl-exact", "vc"};
   std::vector<double> visual_steps{0.010, 0.020, 0.033};  ///< [s]
   bool reference_check = false;                           ///< run the reference at half its step too
 };

@@ -1,0 +1,27 @@
+#pragma once
+
+#include "palpate/live/live_model.h"
+
+namespace palpate {
+
+/// Contacts of one tick, in the handle's frame. With s = free + compliance lambda the displacement of each in the tick:
+///   0 <= lambda_n _|_ gap + n . s >= 0,   lambda_t against s_t, |lambda_t| <= friction lambda_n,
+/// or in the regular polygon inscribed in that circle.
+struct TickContacts {
+  int count = 0;
+  BoundedMatrix<LiveSize::kRows, LiveSize::kRows> compliance;  ///< G, both triangles [m/N]
+  RowVector free;                                              ///< [m]
+  std::array<Vec3, LiveSize::kContacts> normal;
+  std::array<double, LiveSize::kContacts> gap{};  ///< [m]
+  std::array<double, LiveSize::kContacts> friction{};
+  int facets = 0;                                 ///< of the cones; 0: round
+  std::array<Vec3, LiveSize::kContacts> tangent;  ///< along which a cone of facets has its first vertex
+
+  /// Whether one would close without any force.
+  bool any() const noexcept;
+};
+
+/// Sweeps of projected Gauss-Seidel from the given forces.
+void sweep(const TickContacts& contacts, int sweeps, RowVector& force) noexcept;
+
+}  // namespace palpate

@@ -1,0 +1,114 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+
+#include "palpate/math/types.h"
+
+namespace palpate {
+
+/// A moment of the proxy's path. Ticks are counted, not timed: one that was missed is not part of the path.
+struct PathPoint {
+  std::int64_t index = 0;  ///< of the tick that begins there
+  Pose pose;
+  Vec6 twist = Vec6::Zero();  ///< [m/s; rad/s], world
+};
+
+/// Sizes of a live model: memory and work of a tick are bounded by them.
+struct LiveSize {
+  static constexpr int kModes = 16;
+  static constexpr int kContacts = 16;
+  static constexpr int kRows = 3 * kContacts;
+  static constexpr int kSecond = 4;                           ///< modes with a second order
+  static constexpr int kPairs = kSecond * (kSecond + 1) / 2;  ///< of those
+  static constexpr int kUnknowns = 6 + kModes;
+};
+
+/// Matrices with as many rows and columns as are used, in place.
+template <int kMaxRows, int kMaxColumns>
+using BoundedMatrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::ColMajor, kMaxRows, kMaxColumns>;
+template <int kMaxRows>
+using BoundedVector = Eigen::Matrix<double, Eigen::Dynamic, 1, Eigen::ColMajor, kMaxRows, 1>;
+using ModalVector = BoundedVector<LiveSize::kModes>;
+using RowVector = BoundedVector<LiveSize::kRows>;
+
+/// What a contact of a live model is against; world frame.
+struct LiveSurface {
+  enum class Kind {
+    plane,    ///< through `a` with `normal`
+    capsule,  ///< around the segment from a to b, a sphere where they are one
+    internal  ///< the tool itself: the normal is in the handle's frame, and the place is that of one side against the
+              ///< other
+  };
+  Kind kind = Kind::plane;
+  Vec3 normal = Vec3::UnitZ();
+  Vec3 a = Vec3::Zero(), b = Vec3::Zero();  ///< [m]
+  double offset = 0;                        ///< taken off the distance: radius, and gap that is kept [m]
+};
+
+/// The tool, reduced, in the frame of its handle, about the handle's origin (docs/live.md): rigid inertia, the lowest
+/// modes with the handle fixed, and contacts with the compliance that these leave out. Units: modes are
+/// mass-normalized, z in kg^1/2 m.
+struct LiveModel {
+  std::int64_t index = -1;  ///< path index of its time; -1: no model
+  double time = 0;          ///< [s]
+  Pose pose;                ///< visual handle at that time
+  Vec6 twist = Vec6::Zero();
+
+  // handle and tool
+  double mass = 0;              ///< [kg]
+  Vec3 moment = Vec3::Zero();   ///< mass times center [kg m]
+  Mat6 inertia = Mat6::Zero();  ///< Mb
+  double alpha = 0, beta = 0;   ///< damping [1/s], [s]
+  double elastic_energy = 0;    ///< at that time [J]
+
+  // modes: r entries each
+  ModalVector squared_frequency;                ///< w2 [1/s^2]
+  ModalVector force;                            ///< f1, elastic
+  ModalVector speed;                            ///< z' at that time
+  BoundedMatrix<6, LiveSize::kModes> coupling;  ///< Mbz
+  /// Q^T M (w x (w x y)) = centrifugal (wx wx, wy wy, wz wz, wx wy, wx wz, wy wz).
+  BoundedMatrix<LiveSize::kModes, 6> centrifugal;
+  /// Q^T M (e_k x Q), k = x, y, z: skew.
+  std::array<BoundedMatrix<LiveSize::kModes, LiveSize::kModes>, 3> coriolis;
+  /// sum of m y x (e_k x Q), 3 x r.
+  std::array<BoundedMatrix<3, LiveSize::kModes>, 3> coriolis_torque;
+
+  // contacts: m of them, three rows each
+  int contacts = 0;
+  RowVector arm;                                                    ///< rc [m]
+  BoundedMatrix<LiveSize::kRows, LiveSize::kModes> shape;           ///< Qc
+  BoundedMatrix<LiveSize::kRows, LiveSize::kRows> compliance;       ///< W [m/N]
+  BoundedMatrix<LiveSize::kRows, LiveSize::kRows> tool_compliance;  ///< the tool's part of W
+  RowVector damped_force, contact_force;                            ///< lb1, lambda1 [N]
+  std::array<LiveSurface, LiveSize::kContacts> surface;
+  std::array<double, LiveSize::kContacts> friction{};
+  int facets = 0;  ///< of the friction cones, the first vertex along world x made tangent; 0: round
+
+  // second order of the contacts' places: pairs (i, j), i <= j, of the lowest modes
+  int second = 0;
+  BoundedMatrix<LiveSize::kRows, LiveSize::kPairs> curvature;  ///< Pc
+
+  int modes() const { return static_cast<int>(squared_frequency.size()); }
+};
+
+/// Where a live model is; all that it remembers.
+struct LiveState {
+  std::int64_t index = -1;  ///< path index
+  ModalVector z, speed;
+  RowVector damped_force, contact_force;
+};
+
+/// A model on its way to the haptic loop, replayed along the path as far as that was known.
+struct LiveUpdate {
+  LiveModel model;
+  LiveState state;
+};
+
+/// At the model's time.
+LiveState startState(const LiveModel& model) noexcept;
+/// True where every number is finite.
+bool isFinite(const LiveModel& model) noexcept;
+bool isFinite(const LiveState& state) noexcept;
+
+}  // namespace palpate

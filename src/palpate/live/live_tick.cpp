@@ -1,0 +1,254 @@
+#include "palpate/live/live_tick.h"
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+
+#include "palpate/math/rotation.h"
+
+namespace palpate {
+namespace {
+
+double filterShare(const LiveModel& model, double dt) { return dt / (model.beta + dt); }
+
+struct Touch {
+  double gap;  // [m]
+  Vec3 normal;
+};
+
+Touch touch(const LiveSurface& surface, const Vec3& x) {
+  if (surface.kind == LiveSurface::Kind::plane)
+    return {surface.normal.dot(x - surface.a) - surface.offset, surface.normal};
+  const Vec3 axis = surface.b - surface.a;
+  const double squared = axis.squaredNorm();
+  const double along = squared > 0 ? std::clamp(axis.dot(x - surface.a) / squared, 0.0, 1.0) : 0.0;
+  const Vec3 out = x - (surface.a + along * axis);
+  const double distance = out.norm();
+  const Vec3 normal = distance > 1e-9 ? Vec3(out / distance) : surface.normal;
+  return {distance - surface.offset, normal};
+}
+
+Vec6 inFrame(const Mat3& rt, const Vec6& twist) {
+  Vec6 out;
+  out << rt * twist.head<3>(), rt * twist.tail<3>();
+  return out;
+}
+
+}  // namespace
+
+LiveState startState(const LiveModel& model) noexcept {
+  LiveState state;
+  state.index = model.index;
+  state.z.setZero(model.modes());
+  state.speed = model.speed;
+  state.damped_force = model.damped_force;
+  state.contact_force = model.contact_force;
+  return state;
+}
+
+bool isFinite(const LiveState& state) noexcept {
+  return state.z.allFinite() && state.speed.allFinite() && state.damped_force.allFinite() &&
+         state.contact_force.allFinite();
+}
+
+bool isFinite(const LiveModel& model) noexcept {
+  bool good = model.pose.allFinite() && model.twist.allFinite() && std::isfinite(model.mass) &&
+              model.moment.allFinite() && model.inertia.allFinite() && model.squared_frequency.allFinite() &&
+              model.force.allFinite() && model.speed.allFinite() && model.coupling.allFinite() &&
+              model.centrifugal.allFinite() && model.arm.allFinite() && model.shape.allFinite() &&
+              model.compliance.allFinite() && model.tool_compliance.allFinite() && model.damped_force.allFinite() &&
+              model.contact_force.allFinite() && model.curvature.allFinite();
+  for (int k = 0; k < 3; ++k) good = good && model.coriolis[k].allFinite() && model.coriolis_torque[k].allFinite();
+  for (int i = 0; i < model.contacts; ++i) {
+    const LiveSurface& s = model.surface[i];
+    good = good && s.normal.allFinite() && s.a.allFinite() && s.b.allFinite() && std::isfinite(s.offset) &&
+           std::isfinite(model.friction[i]);
+  }
+  return good;
+}
+
+// A, which depends on the link and on nothing that moves.
+void LiveTick::factorHandle(const LiveModel& model, const LiveTickInput& input) noexcept {
+  const int r = model.modes();
+  const double rate = 1.0 / input.dt + model.alpha;
+  BoundedMatrix<LiveSize::kUnknowns, LiveSize::kUnknowns> a(6 + r, 6 + r);
+  a.topLeftCorner<6, 6>() = rate * model.inertia;
+  a.topLeftCorner<3, 3>().diagonal().array() += input.link.stiffness * input.dt + input.link.damping;
+  a.block<3, 3>(3, 3).diagonal().array() += input.link.rotational_stiffness * input.dt + input.link.rotational_damping;
+  a.topRightCorner(6, r) = rate * model.coupling;
+  a.bottomLeftCorner(r, 6) = a.topRightCorner(6, r).transpose();
+  a.bottomRightCorner(r, r).setZero();
+  a.bottomRightCorner(r, r).diagonal() = (rate + (model.beta + input.dt) * model.squared_frequency.array()).matrix();
+  factor_.compute(a);
+}
+
+// -Q^T M (w x (w x y1) + 2 w x Q z')
+void LiveTick::addSpin(const LiveModel& model, const LiveState& state, const Vec3& w,
+                       ModalVector& modal) const noexcept {
+  Vec6 squares;
+  squares << w[0] * w[0], w[1] * w[1], w[2] * w[2], w[0] * w[1], w[0] * w[2], w[1] * w[2];
+  modal.noalias() -= model.centrifugal * squares;
+  for (int k = 0; k < 3; ++k) modal.noalias() -= (2.0 * w[k]) * (model.coriolis[k] * state.speed);
+}
+
+// Rows and gaps of the contacts where they now are.
+void LiveTick::placeContacts(const LiveModel& model, const LiveState& state, const Pose& pose, double dt) noexcept {
+  const int m = model.contacts, r = model.modes(), q = model.second;
+  const Mat3 rotation = pose.matrix();
+  contacts_.count = m;
+  contacts_.facets = model.facets;
+  shape_ = model.shape;
+  RowVector bent = model.arm + model.shape * state.z;
+  for (int i = 0, c = 0; i < q; ++i) {
+    for (int j = i; j < q; ++j, ++c) {
+      const auto curve = model.curvature.col(c);
+      bent += ((i == j ? 0.5 : 1.0) * state.z[i] * state.z[j]) * curve;
+      shape_.col(i) += state.z[j] * curve;
+      if (i != j) shape_.col(j) += state.z[i] * curve;
+    }
+  }
+  const RowVector loaded = state.damped_force - model.damped_force;
+  place_ = bent;
+  place_.noalias() += model.compliance * loaded;
+  bent.noalias() += model.tool_compliance * loaded;
+  jacobian_.resize(3 * m, 6 + r);
+  for (int i = 0; i < m; ++i) {
+    contacts_.friction[i] = model.friction[i];
+    const LiveSurface& surface = model.surface[i];
+    if (surface.kind == LiveSurface::Kind::internal) {
+      jacobian_.block<3, 6>(3 * i, 0).setZero();
+      contacts_.normal[i] = surface.normal;
+      contacts_.gap[i] = std::max(surface.normal.dot(place_.segment<3>(3 * i)) - surface.offset, -kRecoverySpeed * dt);
+      continue;
+    }
+    jacobian_.block<3, 3>(3 * i, 0).setIdentity();
+    jacobian_.block<3, 3>(3 * i, 3) = -skew(bent.segment<3>(3 * i));
+    const Touch t = touch(surface, pose.position + rotation * place_.segment<3>(3 * i));
+    contacts_.gap[i] = std::max(t.gap, -kRecoverySpeed * dt);
+    contacts_.normal[i] = rotation.transpose() * t.normal;
+  }
+  jacobian_.rightCols(r) = shape_;
+  if (model.facets == 0) return;
+  for (int i = 0; i < m; ++i) {
+    const Vec3& n = contacts_.normal[i];
+    const Vec3 axis = rotation.transpose() * (std::abs((rotation * n).x()) < 0.9 ? Vec3::UnitX() : Vec3::UnitY());
+    contacts_.tangent[i] = (axis - n.dot(axis) * n).normalized();
+  }
+}
+
+Vec6 LiveTick::step(const LiveModel& model, const LiveTickInput& input, const Pose& pose, const Vec6& twist,
+                    LiveState& state) noexcept {
+  const int r = model.modes();
+  const double dt = input.dt, share = filterShare(model, dt);
+  const Mat3 rotation = pose.matrix(), rt = rotation.transpose();
+  const Vec6 u = inFrame(rt, twist);
+  const Vec3 g = rt * input.gravity, w = u.tail<3>();
+  const LinkParameters& link = input.link;
+
+  Unknowns b(6 + r);
+  b.head<6>() = (model.inertia * u + model.coupling * state.speed) / dt;
+  b.segment<3>(0) +=
+      rt * (link.stiffness * (input.device.position - pose.position) + link.damping * input.device_twist.head<3>());
+  b.segment<3>(3) += rt * (link.rotational_damping * input.device_twist.tail<3>() -
+                           link.rotational_stiffness * logRotation(pose.rotation * input.device.rotation.conjugate()));
+  const Vec3 shifted = model.moment + model.coupling.topRows<3>() * state.z;  // mass times center, deformed
+  const Vec3 flow = model.coupling.topRows<3>() * state.speed;
+  b.segment<3>(0) += model.mass * g - w.cross(w.cross(model.moment)) - 2.0 * w.cross(flow);
+  b.segment<3>(3) += shifted.cross(g) - w.cross(model.inertia.bottomRightCorner<3, 3>() * w);
+  for (int k = 0; k < 3; ++k) b.segment<3>(3) -= (2.0 * w[k]) * (model.coriolis_torque[k] * state.speed);
+  ModalVector modal = model.force - model.squared_frequency.cwiseProduct(state.z);
+  modal.noalias() += model.coupling.topRows<3>().transpose() * g;
+  addSpin(model, state, w, modal);
+  b.tail(r) = (model.coupling.transpose() * u + state.speed) / dt + modal;
+
+  factorHandle(model, input);
+  Unknowns y = factor_.solve(b);
+  if (model.contacts > 0) {
+    placeContacts(model, state, pose, dt);
+    contacts_.free = dt * (jacobian_ * y);
+    contacts_.free.noalias() -= share * (model.compliance * state.damped_force);
+    if (contacts_.any()) {
+      BoundedMatrix<LiveSize::kUnknowns, LiveSize::kRows> half = jacobian_.transpose();
+      factor_.matrixL().solveInPlace(half);
+      contacts_.compliance = share * model.compliance;
+      contacts_.compliance.noalias() += dt * (half.transpose() * half);
+      sweep(contacts_, kSweeps, state.contact_force);
+      Unknowns push = half * state.contact_force;
+      factor_.matrixU().solveInPlace(push);
+      y += push;
+    } else {
+      state.contact_force.setZero();
+    }
+  }
+  state.speed = y.tail(r);
+  state.z += dt * state.speed;
+  state.damped_force += share * (state.contact_force - state.damped_force);
+  ++state.index;
+  Vec6 out;
+  out << rotation * y.segment<3>(0), rotation * y.segment<3>(3);
+  return out;
+}
+
+void LiveTick::replay(const LiveModel& model, double dt, const Vec3& gravity, const PathPoint& from,
+                      const PathPoint& to, LiveState& state) noexcept {
+  const double share = filterShare(model, dt);
+  const Mat3 rotation = from.pose.matrix(), rt = rotation.transpose();
+  const Vec6 u = inFrame(rt, from.twist), next = inFrame(rt, to.twist);
+  const Vec3 g = rt * gravity;
+  inverse_ = (1.0 / dt + model.alpha + (model.beta + dt) * model.squared_frequency.array()).inverse().matrix();
+  ModalVector modal = model.force - model.squared_frequency.cwiseProduct(state.z);
+  modal.noalias() += model.coupling.topRows<3>().transpose() * g;
+  modal.noalias() -= model.coupling.transpose() * ((next - u) / dt + model.alpha * next);
+  addSpin(model, state, u.tail<3>(), modal);
+  ModalVector y = inverse_.cwiseProduct(state.speed / dt + modal);
+  if (model.contacts > 0) {
+    placeContacts(model, state, from.pose, dt);
+    contacts_.free = dt * (shape_ * y);
+    contacts_.free.noalias() -= share * (model.compliance * state.damped_force);
+    const Mat3 turned = rt * to.pose.matrix() - Mat3::Identity();
+    const Vec3 moved = rt * (to.pose.position - from.pose.position);
+    for (int i = 0; i < model.contacts; ++i) {
+      if (model.surface[i].kind == LiveSurface::Kind::internal) continue;
+      contacts_.free.segment<3>(3 * i) += moved + turned * place_.segment<3>(3 * i);
+    }
+    if (contacts_.any()) {
+      const BoundedMatrix<LiveSize::kRows, LiveSize::kModes> scaled = shape_ * (dt * inverse_).cwiseSqrt().asDiagonal();
+      contacts_.compliance = share * model.compliance;
+      contacts_.compliance.noalias() += scaled * scaled.transpose();
+      sweep(contacts_, kSweeps, state.contact_force);
+      y += inverse_.cwiseProduct(shape_.transpose() * state.contact_force);
+    } else {
+      state.contact_force.setZero();
+    }
+  }
+  state.speed = y;
+  state.z += dt * y;
+  state.damped_force += share * (state.contact_force - state.damped_force);
+  state.index = to.index;
+}
+
+bool LiveTick::replayTo(std::int64_t index, int most, const LiveModel& model, double dt, const Vec3& gravity,
+                        const HandlePath& path, LiveState& state) noexcept {
+  for (int k = 0; k < most && state.index < index; ++k) {
+    if (!path.holds(state.index) || !path.holds(state.index + 1)) return false;
+    replay(model, dt, gravity, path[state.index], path[state.index + 1], state);
+  }
+  return true;
+}
+
+double liveEnergy(const LiveModel& model, const LiveState& state, const Pose& pose, const Vec6& twist,
+                  const Vec3& gravity) noexcept {
+  const Mat3 rt = pose.matrix().transpose();
+  const Vec6 u = inFrame(rt, twist);
+  const Vec3 g = rt * gravity;
+  double energy = 0.5 * u.dot(model.inertia * u) + u.dot(model.coupling * state.speed) +
+                  0.5 * state.speed.squaredNorm() + model.elastic_energy - model.force.dot(state.z) +
+                  0.5 * state.z.dot(model.squared_frequency.cwiseProduct(state.z));
+  if (model.contacts > 0) {
+    energy += 0.5 * state.damped_force.dot(model.compliance * state.damped_force) -
+              0.5 * model.damped_force.dot(model.compliance * model.damped_force);
+  }
+  return energy - model.mass * gravity.dot(pose.position) -
+         (model.moment + model.coupling.topRows<3>() * state.z).dot(g);
+}
+
+}  // namespace palpate

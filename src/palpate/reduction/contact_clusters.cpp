@@ -1,0 +1,139 @@
+#include "palpate/reduction/contact_clusters.h"
+
+#include <algorithm>
+#include <limits>
+
+namespace palpate {
+namespace {
+
+constexpr double kAlike = 0.7;                                         // cosine of the normals within a cluster
+constexpr double kLeastSurfaceReach = 1e-3, kMostSurfaceReach = 0.02;  // [m]
+
+Contact turnedAround(Contact c) {
+  std::swap(c.first, c.second);
+  c.normal = -c.normal;
+  return c;
+}
+
+bool alike(const TouchPoint& a, const TouchPoint& b) {
+  return a.contact.partner == b.contact.partner && a.internal == b.internal &&
+         a.contact.normal.dot(b.contact.normal) > kAlike;
+}
+
+double pressure(const TouchPoint& p) { return std::max(0.0, p.contact.normal.dot(p.force)); }
+
+}  // namespace
+
+std::vector<TouchPoint> findTouchPoints(World& world, const VecX& positions, const VecX& speeds, double margin,
+                                        double lookahead) {
+  const int tool = world.toolIndex();
+  double fastest = 0;
+  for (Eigen::Index i = 0; i + 2 < speeds.size(); i += 3) fastest = std::max(fastest, speeds.segment<3>(i).norm());
+  for (int b = 0; b < world.bodies(); ++b) {
+    if (b == tool) continue;
+    const VecX& v = world.body(b).state.velocities;
+    double of_body = 0;
+    for (Eigen::Index i = 0; i + 2 < v.size(); i += 3) of_body = std::max(of_body, v.segment<3>(i).norm());
+    fastest = std::max(fastest, of_body);
+  }
+  const double surface_reach = std::clamp(lookahead * fastest, kLeastSurfaceReach, kMostSurfaceReach);
+  std::vector<Contact> near;
+  world.nearby(positions, margin + lookahead * fastest, surface_reach, near);
+
+  // each force belongs to the nearest of the contacts that it may be of
+  std::sort(near.begin(), near.end(), [](const Contact& a, const Contact& b) {
+    return std::pair(a.end_gap, a.key) < std::pair(b.end_gap, b.key);
+  });
+  const ContactMemory& memory = world.state().contacts;
+  std::vector<std::uint64_t> given;
+  const auto positionsOf = [&](int body) -> const VecX& {
+    return body == tool ? positions : world.body(body).state.positions;
+  };
+  const auto speedsOf = [&](int body) -> const VecX& {
+    return body == tool ? speeds : world.body(body).state.velocities;
+  };
+  std::vector<TouchPoint> out;
+  const auto take = [&](const Contact& found, double gap) {
+    if (found.first.body != tool && found.second.body != tool) return;
+    TouchPoint p;
+    const bool second = found.first.body != tool;
+    p.contact = second ? turnedAround(found) : found;
+    p.internal = p.contact.second.body == tool;
+    p.gap = gap;
+    p.place = p.contact.first.at(positions);
+    const ContactMemory::Force* force = memory.find(found.track);
+    if (force != nullptr && std::find(given.begin(), given.end(), found.track) == given.end()) {
+      given.push_back(found.track);
+      p.force = second ? Vec3(-force->force) : force->force;
+    }
+    Vec3 closing = p.contact.first.at(speeds);
+    if (p.contact.second.body >= 0) closing -= p.contact.second.at(speedsOf(p.contact.second.body));
+    const bool soon = gap + lookahead * std::min(0.0, p.contact.normal.dot(closing)) < margin;
+    if (soon || !p.force.isZero(0.0)) out.push_back(p);
+  };
+  for (const Contact& c : near) take(c, c.end_gap);
+  for (const Contact& c : memory.loaded) {
+    if (c.first.body != tool && c.second.body != tool) continue;
+    if (std::find(given.begin(), given.end(), c.track) != given.end()) continue;
+    double gap = 0;
+    if (c.second.body >= 0) {
+      gap = c.normal.dot(c.first.at(positionsOf(c.first.body)) - c.second.at(positionsOf(c.second.body))) - c.thickness;
+    }
+    take(c, gap);
+  }
+  return out;
+}
+
+std::vector<TouchCluster> clusterTouchPoints(const std::vector<TouchPoint>& points, int most) {
+  const int n = static_cast<int>(points.size());
+  std::vector<TouchCluster> out;
+  if (n <= most) {
+    for (int i = 0; i < n; ++i) out.push_back({{i, 1.0}});
+    return out;
+  }
+  constexpr double kOther = 1e3;  // [m]: farther than any of like facing and partner
+  std::vector<double> distance(points.size(), std::numeric_limits<double>::infinity());
+  std::vector<int> owner(points.size(), 0);
+  // the first seed carries the most force, or is nearest
+  int seed = 0;
+  for (int i = 1; i < n; ++i) {
+    const auto rank = [&](int k) { return std::pair(-pressure(points[k]), points[k].gap); };
+    if (rank(i) < rank(seed)) seed = i;
+  }
+  for (int g = 0; g < most; ++g) {
+    int next = -1;
+    double farthest = 0;
+    for (int i = 0; i < n; ++i) {
+      const double d = (points[i].place - points[seed].place).norm() + (alike(points[i], points[seed]) ? 0.0 : kOther);
+      if (d < distance[i]) {
+        distance[i] = d;
+        owner[i] = g;
+      }
+      if (distance[i] > farthest) {
+        farthest = distance[i];
+        next = i;
+      }
+    }
+    if (next < 0) break;
+    seed = next;
+  }
+  for (int g = 0; g < most; ++g) {
+    double sum = 0;
+    int nearest = -1;
+    for (int i = 0; i < n; ++i) {
+      if (owner[i] != g) continue;
+      sum += pressure(points[i]);
+      if (nearest < 0 || points[i].gap < points[nearest].gap) nearest = i;
+    }
+    if (nearest < 0) continue;
+    TouchCluster cluster;
+    for (int i = 0; i < n && sum > 0; ++i) {
+      if (owner[i] == g && pressure(points[i]) > 0) cluster.emplace_back(i, pressure(points[i]) / sum);
+    }
+    if (cluster.empty()) cluster.emplace_back(nearest, 1.0);
+    out.push_back(std::move(cluster));
+  }
+  return out;
+}
+
+}  // namespace palpate

@@ -1,0 +1,34 @@
+#pragma once
+
+#include <utility>
+#include <vector>
+
+#include "palpate/contact/contact.h"
+#include "palpate/live/live_model.h"
+#include "palpate/simulation/world.h"
+
+namespace palpate {
+
+/// A place where the tool touches something or soon may; world frame.
+struct TouchPoint {
+  Contact contact;            ///< tool first; for self-contact both points are the tool's
+  bool internal = false;      ///< self-contact
+  double gap = 0;             ///< now [m]
+  Vec3 place;                 ///< of the tool's point [m]
+  Vec3 force = Vec3::Zero();  ///< on the tool [N]
+};
+
+/// One contact of the reduced model: touch points and their weights, which sum to 1.
+using TouchCluster = std::vector<std::pair<int, double>>;
+
+/// What the tool touches or may touch within reach.
+/// @param positions  of the tool's nodes, where they differ from the world's state
+/// @param speeds     of its nodes [m/s]
+std::vector<TouchPoint> findTouchPoints(World& world, const VecX& positions, const VecX& speeds, double margin,
+                                        double lookahead);
+
+/// At most `most` clusters of like facing and like partner, farthest points first. None is dropped; weights follow the
+/// normal force where there is some, else the nearest point stands for all.
+std::vector<TouchCluster> clusterTouchPoints(const std::vector<TouchPoint>& points, int most);
+
+}  // namespace palpate

@@ -1,0 +1,347 @@
+#include "palpate/reduction/reduce.h"
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <cmath>
+
+#include "palpate/math/rotation.h"
+#include "palpate/reduction/partner_compliance.h"
+#include "palpate/reduction/tool_modes.h"
+
+namespace palpate {
+namespace {
+
+constexpr double kLeastCompliance = 1e-7;  // [m/N]
+
+Mat6 pointInertia(double mass, const Vec3& place) {
+  Eigen::Matrix<double, 3, 6> g;
+  g << Mat3::Identity(), -skew(place);
+  return mass * g.transpose() * g;
+}
+
+double distanceToSegment(const Vec3& p, const Vec3& a, const Vec3& b) {
+  const double squared = (b - a).squaredNorm();
+  const double along = squared > 0 ? std::clamp((b - a).dot(p - a) / squared, 0.0, 1.0) : 0.0;
+  return (p - a - along * (b - a)).norm();
+}
+
+// Spheres and capsules give their normals anew in each tick. Their gap at this place is the contact's, whose surface is
+// of triangles and keeps its distance.
+void setRound(const Obstacle& obstacle, const Vec3& place, double gap, LiveSurface& surface) {
+  if (const auto* sphere = std::get_if<SphereShape>(&obstacle.shape)) {
+    surface.a = surface.b = sphere->center;
+  } else if (const auto* capsule = std::get_if<CapsuleShape>(&obstacle.shape)) {
+    surface.a = capsule->a;
+    surface.b = capsule->b;
+  } else {
+    return;
+  }
+  surface.kind = LiveSurface::Kind::capsule;
+  surface.offset = distanceToSegment(place, surface.a, surface.b) - gap;
+}
+
+}  // namespace
+
+ToolShape toolShape(const World& world) {
+  const Body tool = world.tool();
+  const Mat3 rt = tool.state.handle.pose.matrix().transpose();
+  const Vec3 p = tool.state.handle.pose.position, v = tool.state.handle.twist.head<3>();
+  const Vec3 w = rt * tool.state.handle.twist.tail<3>();
+  ToolShape shape{VecX(3 * tool.model.freeNodes()), VecX(3 * tool.model.freeNodes())};
+  for (int r = 0; r < tool.model.freeNodes(); ++r) {
+    const int i = tool.model.free()[r];
+    const Vec3 y = rt * (tool.state.positions.segment<3>(3 * i) - p);
+    shape.places.segment<3>(3 * r) = y;
+    shape.speeds.segment<3>(3 * r) = rt * (tool.state.velocities.segment<3>(3 * i) - v) - w.cross(y);
+  }
+  return shape;
+}
+
+// Everything in the handle's frame: the elastic forces turn with the tool.
+void ToolReduction::factorize(const World& world, const Input& input, double e, LiveModel& model) {
+  const Body tool = world.tool();
+  const ElasticMesh& fem = tool.model.elasticity();
+  positions_.resize(3 * tool.model.nodes());
+  mass_.resize(3 * tool.model.freeNodes());
+  for (int r = 0; r < tool.model.freeNodes(); ++r) {
+    positions_.segment<3>(3 * tool.model.free()[r]) = input.shape.places.segment<3>(3 * r);
+    mass_.segment<3>(3 * r).setConstant(fem.mass()[tool.model.free()[r]]);
+  }
+  const Handle& handle = tool.model.handle();
+  for (std::size_t k = 0; k < handle.nodes.size(); ++k) positions_.segment<3>(3 * handle.nodes[k]) = handle.offsets[k];
+  const Mat3 rt = tool.state.handle.pose.matrix().transpose();
+  elastic_ = tool.state.elastic;
+  for (Mat3& rotation : elastic_.rotations) rotation = (rt * rotation).eval();
+  fem.updateRotations(positions_, elastic_);
+  fem.forces(positions_, elastic_, forces_);
+  model.elastic_energy = fem.energy(positions_, elastic_);
+  if (analyzed_for_ != &tool.model) {
+    a_ = tool.model.pattern();
+    factor_.analyze(a_);
+    analyzed_for_ = &tool.model;
+  }
+  fem.assemble(1.0, e, elastic_, a_);
+  if (!factor_.factorize(a_)) model.mass = std::numeric_limits<double>::quiet_NaN();
+}
+
+void ToolReduction::addInertia(const World& world, const Input& input, const LiveBasis& basis, LiveModel& model) const {
+  const Body tool = world.tool();
+  const Handle& handle = tool.model.handle();
+  const Eigen::Index r = basis.modes.cols();
+  model.mass = handle.mass;
+  model.inertia.setZero();
+  model.inertia.topLeftCorner<3, 3>() = handle.mass * Mat3::Identity();
+  model.inertia.bottomRightCorner<3, 3>() = handle.inertia;
+  model.moment.setZero();
+  model.coupling.setZero(6, r);
+  MatX turned(basis.modes.rows(), r);  // M [y]x Q, then M [e_k]x Q
+  MatX squares(basis.modes.rows(), 6);
+  for (int i = 0; i < tool.model.freeNodes(); ++i) {
+    const double m = mass_[3 * i];
+    const Vec3 y = basis.places.segment<3>(3 * i);
+    const auto q = basis.modes.middleRows<3>(3 * i);
+    model.mass += m;
+    model.moment += m * y;
+    model.inertia += pointInertia(m, y);
+    model.coupling.topRows<3>() += m * q;
+    model.coupling.bottomRows<3>() += m * skew(y) * q;
+    // w x (w x y) = w (w . y) - y (w . w)
+    auto s = squares.middleRows<3>(3 * i);
+    for (int k = 0; k < 3; ++k) {
+      s.col(k) = -m * y;
+      s(k, k) += m * y[k];
+    }
+    const std::array<std::pair<int, int>, 3> mixed{{{0, 1}, {0, 2}, {1, 2}}};
+    for (int k = 0; k < 3; ++k) {
+      const auto [a, b] = mixed[static_cast<std::size_t>(k)];
+      s.col(3 + k).setZero();
+      s(a, 3 + k) = m * y[b];
+      s(b, 3 + k) = m * y[a];
+    }
+  }
+  model.centrifugal = basis.modes.transpose() * squares;
+  for (int k = 0; k < 3; ++k) {
+    const Mat3 axis = skew(Vec3::Unit(k));
+    model.coriolis_torque[k].setZero(3, r);
+    for (int i = 0; i < tool.model.freeNodes(); ++i) {
+      const auto q = basis.modes.middleRows<3>(3 * i);
+      turned.middleRows<3>(3 * i) = mass_[3 * i] * axis * q;
+      model.coriolis_torque[k] += skew(basis.places.segment<3>(3 * i)) * turned.middleRows<3>(3 * i);
+    }
+    model.coriolis[k] = basis.modes.transpose() * turned;
+  }
+  model.speed = basis.project(mass_, input.shape.speeds);
+  VecX force(basis.modes.rows());
+  for (int i = 0; i < tool.model.freeNodes(); ++i) {
+    force.segment<3>(3 * i) = forces_.segment<3>(3 * tool.model.free()[i]);
+  }
+  model.force = basis.modes.transpose() * force;
+}
+
+void ToolReduction::addContacts(World& world, const LiveSettings& settings, const Input& input, const LiveBasis& basis,
+                                double e, LiveModel& model) {
+  const Body tool = world.tool();
+  const Pose& pose = tool.state.handle.pose;
+  const Mat3 rotation = pose.matrix(), rt = rotation.transpose();
+  const Vec6& twist = tool.state.handle.twist;
+  // in the world, as the touch points need it
+  VecX positions(3 * tool.model.nodes()), speeds(3 * tool.model.nodes());
+  for (int i = 0; i < tool.model.nodes(); ++i) {
+    const Vec3 y = positions_.segment<3>(3 * i);
+    positions.segment<3>(3 * i) = pose.apply(y);
+    Vec3 v = twist.head<3>() + twist.tail<3>().cross(rotation * y);
+    const int row = tool.model.row()[i];
+    if (row >= 0) v += rotation * input.shape.speeds.segment<3>(3 * row);
+    speeds.segment<3>(3 * i) = v;
+  }
+  const std::vector<TouchPoint> points = findTouchPoints(world, positions, speeds, settings.margin, settings.lookahead);
+  const std::vector<TouchCluster> clusters =
+      clusterTouchPoints(points, std::clamp(settings.contacts, 0, LiveSize::kContacts));
+  const auto m = static_cast<Eigen::Index>(clusters.size());
+  const Eigen::Index r = basis.modes.cols();
+  model.contacts = static_cast<int>(m);
+  model.arm.setZero(3 * m);
+  model.damped_force.setZero(3 * m);
+  model.contact_force.setZero(3 * m);
+  contact_columns_.setZero(basis.modes.rows(), 3 * m);
+  std::vector<std::vector<NodeSum>> partners(static_cast<std::size_t>(world.bodies()));
+  for (std::size_t g = 0; g < clusters.size(); ++g) {
+    const auto at = static_cast<Eigen::Index>(3 * g);
+    LiveSurface& surface = model.surface[g];
+    surface = {};
+    surface.normal.setZero();
+    Vec3 place = Vec3::Zero(), foot = Vec3::Zero();  // of the tool, on the other side
+    double friction = 0;
+    const TouchPoint& first = points[static_cast<std::size_t>(clusters[g].front().first)];
+    const auto addNodes = [&](const ContactPoint& point, double weight) {
+      for (int k = 0; k < point.count; ++k) {
+        const double share = weight * point.weight[k];
+        const int row = tool.model.row()[point.node[k]];
+        if (row >= 0) contact_columns_.block<3, 3>(3 * row, at).diagonal().array() += share;
+        model.arm.segment<3>(at) += share * positions_.segment<3>(3 * point.node[k]);
+      }
+    };
+    NodeSum partner{static_cast<int>(at), {}};
+    for (const auto& [index, weight] : clusters[g]) {
+      const TouchPoint& p = points[static_cast<std::size_t>(index)];
+      addNodes(p.contact.first, weight);
+      if (p.internal) addNodes(p.contact.second, -weight);
+      surface.normal += weight * p.contact.normal;
+      place += weight * p.place;
+      foot += weight * (p.place - p.gap * p.contact.normal);
+      friction += weight * p.contact.friction;
+      model.contact_force.segment<3>(at) += rt * p.force;
+      for (const auto& [track, force] : input.damped) {
+        if (track == p.contact.track && !p.force.isZero(0.0)) model.damped_force.segment<3>(at) += force;
+      }
+      if (p.internal || p.contact.second.body < 0) continue;
+      for (int k = 0; k < p.contact.second.count; ++k) {
+        partner.nodes.emplace_back(p.contact.second.node[k], -weight * p.contact.second.weight[k]);
+      }
+    }
+    surface.normal.normalize();
+    surface.a = foot;
+    model.friction[g] = friction;
+    if (const Obstacle* obstacle = world.obstacleOf(first.contact)) {
+      setRound(*obstacle, place, surface.normal.dot(place - foot), surface);
+    }
+    if (first.internal) {
+      surface.kind = LiveSurface::Kind::internal;
+      surface.normal = (rt * surface.normal).eval();
+      surface.offset = surface.normal.dot(model.arm.segment<3>(at)) - first.gap;
+    } else if (first.contact.second.body >= 0) {
+      partners[static_cast<std::size_t>(first.contact.second.body)].push_back(std::move(partner));
+    }
+  }
+  model.shape = contact_columns_.transpose() * basis.modes;
+  MatX response = contact_columns_;
+  if (m > 0) factor_.solve(response);
+  MatX w = e * (contact_columns_.transpose() * response);
+  for (Eigen::Index k = 0; k < r; ++k) {
+    w -= model.shape.col(k) * model.shape.col(k).transpose() / (model.squared_frequency[k] + 1.0 / e);
+  }
+  model.tool_compliance = w;
+  MatX others = MatX::Zero(3 * m, 3 * m);
+  for (int b = 0; b < world.bodies(); ++b) {
+    if (!partners[static_cast<std::size_t>(b)].empty()) {
+      addPartnerCompliance(world, b, partners[static_cast<std::size_t>(b)], others);
+    }
+  }
+  for (Eigen::Index i = 0; i < m; ++i) {
+    for (Eigen::Index j = 0; j < m; ++j) {
+      w.block<3, 3>(3 * i, 3 * j) += rt * others.block<3, 3>(3 * i, 3 * j) * rotation;
+    }
+  }
+  if (m > 0) {
+    const Eigen::SelfAdjointEigenSolver<MatX> eigen(0.5 * (w + w.transpose()));
+    w = eigen.eigenvectors() * eigen.eigenvalues().cwiseMax(kLeastCompliance).asDiagonal() *
+        eigen.eigenvectors().transpose();
+  }
+  model.compliance = 0.5 * (w + w.transpose());
+}
+
+// Second differences of the elastic forces along pairs of modes, free rows; handle's frame.
+MatX ToolReduction::secondDifferences(const BodyModel& tool, const LiveBasis& basis, int count) const {
+  constexpr double kAmplitude = 3e-4;  // [m], of the node that a mode moves most
+  const ElasticMesh& fem = tool.elasticity();
+  ElasticState elastic = elastic_;
+  VecX forces;
+  // f(y + d) + f(y - d) - 2 f(y) of the free rows
+  const auto bend = [&](const VecX& d) {
+    VecX sum = VecX::Zero(d.size());
+    for (const double sign : {1.0, -1.0}) {
+      VecX x = positions_;
+      for (int i = 0; i < tool.freeNodes(); ++i) x.segment<3>(3 * tool.free()[i]) += sign * d.segment<3>(3 * i);
+      elastic.rotations = elastic_.rotations;
+      fem.updateRotations(x, elastic);
+      fem.forces(x, elastic, forces);
+      for (int i = 0; i < tool.freeNodes(); ++i) {
+        const Eigen::Index node = 3 * tool.free()[i];
+        sum.segment<3>(3 * i) += forces.segment<3>(node) - forces_.segment<3>(node);
+      }
+    }
+    return sum;
+  };
+  std::vector<double> scale;
+  for (int i = 0; i < count; ++i) scale.push_back(kAmplitude / basis.modes.col(i).cwiseAbs().maxCoeff());
+  MatX out(basis.modes.rows(), count * (count + 1) / 2);
+  std::vector<VecX> own;
+  for (int i = 0; i < count; ++i) own.push_back(bend(scale[i] * basis.modes.col(i)));
+  for (int i = 0, c = 0; i < count; ++i) {
+    for (int j = i; j < count; ++j, ++c) {
+      if (i == j) {
+        out.col(c) = own[i] / (scale[i] * scale[i]);
+      } else {
+        const VecX both = bend(scale[i] * basis.modes.col(i) + scale[j] * basis.modes.col(j));
+        out.col(c) = (both - own[i] - own[j]) / (2.0 * scale[i] * scale[j]);
+      }
+    }
+  }
+  return out;
+}
+
+void ToolReduction::addCurvature(const World& world, const LiveSettings& settings, const LiveBasis& basis, double e,
+                                 LiveModel& model) {
+  const int count = std::min({settings.second_order, LiveSize::kSecond, model.modes()});
+  model.second = model.contacts > 0 ? std::max(count, 0) : 0;
+  if (model.second == 0) {
+    model.curvature.resize(3 * model.contacts, 0);
+    return;
+  }
+  const MatX forces = secondDifferences(world.tool().model, basis, model.second);
+  MatX response = forces;
+  factor_.solve(response);
+  response *= e;
+  const MatX modal = basis.modes.transpose() * forces;
+  for (int k = 0; k < model.modes(); ++k) {
+    response -= basis.modes.col(k) * (modal.row(k) / (model.squared_frequency[k] + 1.0 / e));
+  }
+  model.curvature = contact_columns_.transpose() * response;
+}
+
+LiveModel ToolReduction::reduce(World& world, const LiveSettings& settings, const Input& input, LiveBasis& basis) {
+  const Body tool = world.tool();
+  const Material& material = tool.model.elasticity().material();
+  const double horizon = std::max(settings.horizon, input.step);
+  const double e = horizon * (horizon + material.damping_beta);
+  LiveModel model;
+  model.pose = tool.state.handle.pose;
+  model.twist = tool.state.handle.twist;
+  model.alpha = material.damping_alpha;
+  model.beta = material.damping_beta;
+  model.facets = world.contact.cone.exact ? 0 : world.contact.cone.facets;
+  factorize(world, input, e, model);
+  if (!std::isfinite(model.mass)) return model;
+  const ToolModes modes = findModes(factor_, mass_, input.start, std::clamp(settings.modes, 0, LiveSize::kModes), e);
+  // what the subspace iteration has beyond the wanted modes only helps it on
+  const Eigen::Index r = std::min<Eigen::Index>(std::clamp(settings.modes, 0, LiveSize::kModes), modes.shapes.cols());
+  basis.modes = modes.shapes.leftCols(r);
+  basis.places = input.shape.places;
+  model.squared_frequency = modes.squared_frequency.head(r);
+  addInertia(world, input, basis, model);
+  addContacts(world, settings, input, basis, e, model);
+  addCurvature(world, settings, basis, e, model);
+  return model;
+}
+
+void dampForces(const World& world, double h, DampedForces& damped) {
+  const Body tool = world.tool();
+  const Mat3 rt = tool.state.handle.pose.matrix().transpose();
+  const double share = h / (tool.model.elasticity().material().damping_beta + h);
+  DampedForces next;
+  const ContactMemory& memory = world.state().contacts;
+  for (const Contact& c : memory.loaded) {
+    const bool first = c.first.body == world.toolIndex();
+    if (!first && c.second.body != world.toolIndex()) continue;
+    const ContactMemory::Force* force = memory.find(c.track);
+    if (force == nullptr) continue;
+    if (std::any_of(next.begin(), next.end(), [&](const auto& d) { return d.first == c.track; })) continue;
+    const auto before = std::find_if(damped.begin(), damped.end(), [&](const auto& d) { return d.first == c.track; });
+    const Vec3 old = before == damped.end() ? Vec3(Vec3::Zero()) : before->second;
+    const Vec3 now = rt * (first ? force->force : Vec3(-force->force));
+    next.emplace_back(c.track, old + share * (now - old));
+  }
+  damped = std::move(next);
+}
+
+}  // namespace palpate

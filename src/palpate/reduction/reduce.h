@@ -1,0 +1,67 @@
+#pragma once
+
+#include <cstdint>
+#include <utility>
+#include <vector>
+
+#include "palpate/linear/sparse_cholesky.h"
+#include "palpate/live/live_model.h"
+#include "palpate/reduction/contact_clusters.h"
+#include "palpate/reduction/live_settings.h"
+#include "palpate/simulation/world.h"
+
+namespace palpate {
+
+/// The tool against its handle, in the handle's frame, as a model sees it: free nodes, flat.
+struct ToolShape {
+  VecX places, speeds;  ///< R^T (x - p) [m]; R^T (v - u_p) - w x place [m/s]
+};
+ToolShape toolShape(const World& world);
+
+/// What a model was made of; projects later states of the same tool on its modes.
+struct LiveBasis {
+  MatX modes;   ///< Q, handle's frame, [3 free x r]
+  VecX places;  ///< y1
+
+  /// Q^T M of a field on the free nodes.
+  VecX project(const VecX& mass, const VecX& field) const { return modes.transpose() * mass.cwiseProduct(field); }
+};
+
+/// Force at a contact as the tool's damping lets it through, by the contact's track; handle's frame [N].
+using DampedForces = std::vector<std::pair<std::uint64_t, Vec3>>;
+
+/// Makes live models of a world's tool (docs/live.md, a visual step, 4). Workspace only.
+class ToolReduction {
+ public:
+  struct Input {
+    const ToolShape& shape;  ///< to be linearized about, corrections included
+    const DampedForces& damped;
+    const MatX& start;  ///< modes to begin with, or empty
+    double step;        ///< of the visual loop [s]
+  };
+  /// @returns the model; its index and time are the caller's. Not finite where the tool has no factor.
+  LiveModel reduce(World& world, const LiveSettings& settings, const Input& input, LiveBasis& basis);
+
+ private:
+  void factorize(const World& world, const Input& input, double e, LiveModel& model);
+  void addInertia(const World& world, const Input& input, const LiveBasis& basis, LiveModel& model) const;
+  void addContacts(World& world, const LiveSettings& settings, const Input& input, const LiveBasis& basis, double e,
+                   LiveModel& model);
+  void addCurvature(const World& world, const LiveSettings& settings, const LiveBasis& basis, double e,
+                    LiveModel& model);
+  MatX secondDifferences(const BodyModel& tool, const LiveBasis& basis, int count) const;
+
+  SparseCholesky factor_;
+  const void* analyzed_for_ = nullptr;
+  SymmetricBlockMatrix a_;
+  ElasticState elastic_;
+  VecX positions_;        // all nodes, world frame turned back into the handle's: R^T (x - p)
+  VecX mass_;             // of each free row
+  VecX forces_;           // elastic, handle's frame, all nodes
+  MatX contact_columns_;  // J^T, handle's frame
+};
+
+/// lb += h / (beta + h) (R^T lambda - lb), for the contacts that carry force now or did.
+void dampForces(const World& world, double h, DampedForces& damped);
+
+}  // namespace palpate

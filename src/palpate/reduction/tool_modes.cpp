@@ -1,0 +1,55 @@
+#include "palpate/reduction/tool_modes.h"
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <cmath>
+
+namespace palpate {
+namespace {
+
+constexpr int kGuard = 2;  // vectors beyond those wanted
+constexpr int kFirstSweeps = 12;
+constexpr int kSweeps = 1;      // from the modes of the step before
+constexpr double kLeast = 1.0;  // squared frequency [1/s^2]
+
+// The same for the same number of rows: smooth and rough columns that no symmetry of a body is blind to.
+MatX firstBasis(Eigen::Index rows, Eigen::Index columns) {
+  MatX out(rows, columns);
+  for (Eigen::Index j = 0; j < columns; ++j) {
+    for (Eigen::Index i = 0; i < rows; ++i) {
+      out(i, j) = std::sin(1.0 + 0.7 * static_cast<double>(j) +
+                           (0.37 + 0.911 * static_cast<double>(j)) * static_cast<double>(i));
+    }
+  }
+  return out;
+}
+
+}  // namespace
+
+ToolModes findModes(SparseCholesky& factor, const VecX& mass, const MatX& start, int count, double e) {
+  const Eigen::Index rows = mass.size();
+  const Eigen::Index wanted = std::min<Eigen::Index>(count, rows);
+  const Eigen::Index columns = std::min<Eigen::Index>(wanted + kGuard, rows);
+  if (wanted == 0) return {MatX(rows, 0), VecX(0)};
+  const bool warm = start.rows() == rows && start.cols() > 0;
+  MatX x = firstBasis(rows, columns);
+  if (warm) x.leftCols(std::min(columns, start.cols())) = start.leftCols(std::min(columns, start.cols()));
+  ToolModes modes;
+  for (int k = 0; k < (warm ? kSweeps : kFirstSweeps); ++k) {
+    const MatX loads = mass.asDiagonal() * x;
+    MatX y = loads;
+    factor.solve(y);
+    // Rayleigh-Ritz: y^T A y = y^T M x
+    MatX a = y.transpose() * loads;
+    MatX m = y.transpose() * (mass.asDiagonal() * y);
+    a = 0.5 * (a + a.transpose()).eval();
+    m = 0.5 * (m + m.transpose()).eval();
+    const Eigen::GeneralizedSelfAdjointEigenSolver<MatX> ritz(a, m);
+    x = y * ritz.eigenvectors();
+    modes.squared_frequency = ((ritz.eigenvalues().array() - 1.0) / e).max(kLeast).matrix();
+  }
+  modes.shapes = x;
+  return modes;
+}
+
+}  // namespace palpate

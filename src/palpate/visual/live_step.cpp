@@ -1,0 +1,103 @@
+#include "palpate/visual/live_step.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "palpate/common/scoped_timer.h"
+
+namespace palpate {
+namespace {
+
+constexpr double kLongest = 6.0;  // visual steps that a replay may bridge
+constexpr int kMostParts = 4;     // steps in which a long way is made up for
+
+VecX freeMasses(const BodyModel& tool) {
+  VecX mass(3 * tool.freeNodes());
+  for (int r = 0; r < tool.freeNodes(); ++r) {
+    mass.segment<3>(3 * r).setConstant(tool.elasticity().mass()[tool.free()[r]]);
+  }
+  return mass;
+}
+
+}  // namespace
+
+void LiveVisual::begin(World& world, double step, std::int64_t index, double time) {
+  state_ = {};
+  dampForces(world, 1e3, state_.damped);
+  reduce(world, toolShape(world), step, index, time);
+}
+
+ToolPath LiveVisual::pathSince(const HandlePath& path) const {
+  ToolPath out;
+  const std::int64_t last = path.end() - 1;
+  for (std::int64_t i = std::clamp(state_.model.index, path.first(), last); i <= last; ++i) {
+    out.points.push_back({path[i].pose, path[i].twist});
+  }
+  out.shift = state_.shift;
+  out.velocity = state_.velocity;
+  return out;
+}
+
+// The last model along the recorded path.
+bool LiveVisual::replayed(const World& world, const HandlePath& path, LiveState& state) {
+  state = startState(state_.model);
+  const std::int64_t now = path.end() - 1;
+  return replay_.replayTo(now, static_cast<int>(HandlePath::kCapacity), state_.model, tick_, world.gravity, path,
+                          state) &&
+         state.index == now && isFinite(state);
+}
+
+// Its low modes in place of the world's; what that changes is the next step's to bring into the world.
+ToolShape LiveVisual::corrected(const World& world, const LiveState& replayed) {
+  ToolShape shape = toolShape(world);
+  const VecX mass = freeMasses(world.tool().model);
+  const LiveBasis& basis = state_.basis;
+  state_.shift = basis.modes * (settings_.feedback * (replayed.z - basis.project(mass, shape.places - basis.places)));
+  state_.velocity = basis.modes * (settings_.feedback * (replayed.speed - basis.project(mass, shape.speeds)));
+  shape.places += state_.shift;
+  shape.speeds += state_.velocity;
+  return shape;
+}
+
+void LiveVisual::reduce(World& world, const ToolShape& shape, double step, std::int64_t index, double time) {
+  LiveBasis basis;
+  LiveModel model = reduction_.reduce(world, settings_, {shape, state_.damped, state_.basis.modes, step}, basis);
+  model.index = index;
+  model.time = time;
+  state_.ready = isFinite(model);
+  state_.model = model;
+  if (state_.ready) state_.basis = std::move(basis);
+}
+
+VisualRecord LiveVisual::step(World& world, const HandlePath& path, const VisualStepSettings& settings, double time,
+                              const HandleModel& previous) {
+  VisualRecord record;
+  record.time = time;
+  record.model = previous;
+  const ToolPath way = pathSince(path);
+  const double length = tick_ * static_cast<double>(way.points.size() - 1);
+  if (length <= 0) return record;
+  const int steps = std::clamp(static_cast<int>(std::ceil(length / (1.01 * settings.step))), 1, kMostParts);
+  record.step = world.follow(way, length, steps * settings.substeps);
+
+  const ScopedTimer timer(record.linearization_s);
+  dampForces(world, length, state_.damped);
+  state_.shift.resize(0);
+  state_.velocity.resize(0);
+  LiveState now;
+  const bool known =
+      state_.ready && !record.step.failed() && length <= kLongest * settings.step && replayed(world, path, now);
+  reduce(world, known ? corrected(world, now) : toolShape(world), settings.step, path.end() - 1, time);
+
+  if (record.step.failed()) return record;
+  const Body tool = world.tool();
+  record.model = {};
+  record.model.force = tool.system.wrenchOnHandle(tool.state);
+  record.model.pose = record.model.handle_pose = tool.state.handle.pose;
+  record.model.twist = record.model.handle_twist = tool.state.handle.twist;
+  record.model.time = time;
+  record.model.step = settings.step;
+  return record;
+}
+
+}  // namespace palpate

@@ -1,0 +1,48 @@
+#include "palpate/live/contact_sweeps.h"
+
+#include <gtest/gtest.h>
+
+#include <random>
+
+namespace palpate {
+namespace {
+
+TEST(ContactSweeps, SolveFrictionProblemsWithinTheCones) {
+  for (unsigned seed = 0; seed < 50; ++seed) {
+    std::mt19937 random(seed);
+    std::normal_distribution<double> normal;
+    TickContacts c;
+    c.count = 1 + static_cast<int>(seed % LiveSize::kContacts);
+    const Eigen::Index n = 3 * c.count;
+    const MatX half = MatX::NullaryExpr(n, n + 6, [&] { return 0.01 * normal(random); });
+    c.compliance = half * half.transpose();
+    c.free = VecX::NullaryExpr(n, [&] { return 1e-3 * normal(random); });
+    for (int i = 0; i < c.count; ++i) {
+      c.normal[i] = Vec3(normal(random), normal(random), normal(random)).normalized();
+      c.friction[i] = seed % 3 == 0 ? 0.0 : 0.4;
+      c.gap[i] = 1e-4 * normal(random);
+    }
+    RowVector force = RowVector::Zero(n);
+    sweep(c, 400, force);
+    const VecX s = c.compliance * force + c.free;
+    const double scale = 1e-6;  // [m]
+    for (int i = 0; i < c.count; ++i) {
+      const Vec3 f = force.segment<3>(3 * i), moved = s.segment<3>(3 * i);
+      const double press = f.dot(c.normal[i]), gap = c.gap[i] + moved.dot(c.normal[i]);
+      EXPECT_GE(press, -1e-12);
+      EXPECT_GE(gap, -scale);
+      if (press > 1e-6) {
+        EXPECT_LT(std::abs(gap), scale);
+      }
+      const Vec3 pull = f - press * c.normal[i], slip = moved - c.normal[i].dot(moved) * c.normal[i];
+      EXPECT_LE(pull.norm(), c.friction[i] * press + 1e-9);
+      // what slides is pulled against its slip
+      if (press > 1e-6 && c.friction[i] > 0 && slip.norm() > 1e2 * scale) {
+        EXPECT_LT((pull / (c.friction[i] * press) + slip.normalized()).norm(), 0.02) << seed << ' ' << i;
+      }
+    }
+  }
+}
+
+}  // namespace
+}  // namespace palpate

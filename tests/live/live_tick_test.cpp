@@ -1,0 +1,206 @@
+#include "palpate/live/live_tick.h"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/QR>
+#include <cmath>
+
+#include "live_examples.h"
+#include "palpate/math/rotation.h"
+
+namespace palpate {
+namespace {
+
+using namespace test;
+
+LiveTickInput input() {
+  LiveTickInput in;
+  in.link = {700, 5, 1.0, 0.005};
+  return in;
+}
+
+// Implicit Euler of a point mass on the link: exact in each tick.
+TEST(LiveTick, ARigidToolIsAMassOnItsLink) {
+  const LiveModel m = rigidTool(0.2);
+  LiveTick tick;
+  LiveState state = startState(m);
+  LiveTickInput in = input();
+  in.device.position = Vec3(0.02, 0, 0.01);
+  Pose pose;
+  Vec6 u = Vec6::Zero();
+  Vec3 p = Vec3::Zero(), v = Vec3::Zero();
+  for (int k = 0; k < 200; ++k) {
+    u = tick.step(m, in, pose, u, state);
+    pose = advance(pose, in.dt * u);
+    const double a = 0.2 / in.dt + 700 * in.dt + 5;
+    v = (0.2 / in.dt * v + 700 * (in.device.position - p) + 0.2 * in.gravity) / a;
+    p += in.dt * v;
+    ASSERT_LT((pose.position - p).norm(), 1e-14);
+  }
+  EXPECT_EQ(state.index, 200);
+}
+
+// One mode at 8 Hz, the handle held by a stiff link: period and decay of the scheme, (1 + dt (beta + dt) w2) z'' = ...
+TEST(LiveTick, AHeldModeSwingsAsTheSchemeSays) {
+  LiveModel m = softTool(1, 1, 0, 3);
+  m.coupling.setZero();  // what the handle does not feel
+  m.coriolis_torque[0].setZero();
+  const double w2 = 2500, dt = 0.001;
+  m.squared_frequency[0] = w2;
+  LiveTick tick;
+  LiveState state = startState(m);
+  state.z[0] = 1e-3;
+  double z = 1e-3, s = 0;
+  const PathPoint from{0, {}, Vec6::Zero()};
+  for (int k = 0; k < 500; ++k) {
+    tick.replay(m, dt, Vec3::Zero(), from, {k + 1, {}, Vec6::Zero()}, state);
+    s = (s / dt - w2 * z) / (1 / dt + (m.beta + dt) * w2);
+    z += dt * s;
+    ASSERT_NEAR(state.z[0], z, 1e-15);
+  }
+  // amplitude after 0.5 s: exp(-beta w2 t / 2) and the scheme's own damping of the same kind, dt w2 t / 2
+  const double expected = 1e-3 * std::exp(-0.5 * (m.beta + dt) * w2 * 0.5);
+  EXPECT_NEAR(std::hypot(z, s / std::sqrt(w2)), expected, 0.05 * expected);
+}
+
+// Pressed by d and held: the force is d over the whole compliance, W + Qc w2^-1 Qc^T.
+TEST(LiveTick, AHeldPressFeelsTheStaticCompliance) {
+  const LiveModel m = softTool(4, 6, 1, 5);
+  LiveTick tick;
+  LiveState state = startState(m);
+  PathPoint from;
+  from.pose.position.z() = -0.09 - m.arm[2] - 0.002;
+  PathPoint to = from;
+  for (int k = 0; k < 4000; ++k) {
+    to.index = k + 1;
+    tick.replay(m, 0.001, Vec3::Zero(), from, to, state);
+  }
+  const Vec3 n = Vec3::UnitZ();
+  const Mat3 c = Mat3(m.compliance) + m.shape * m.squared_frequency.cwiseInverse().asDiagonal() * m.shape.transpose();
+  // the tangential force is whatever the friction stopped at; the normal displacement answers to both
+  EXPECT_NEAR(n.dot(c * state.contact_force), 0.002, 2e-6);
+  EXPECT_GT(state.contact_force[2], 0.1);
+  EXPECT_LE(state.contact_force.head<2>().norm(), 0.5 * state.contact_force[2] * (1 + 1e-9));
+}
+
+TEST(LiveTick, ReplayGivesTheSameBitsWhereverItIsSplit) {
+  LiveModel m = softTool(6, 8, 4, 7);
+  for (int i = 0; i < m.contacts; ++i) m.surface[i].a.z() = m.arm[3 * i + 2] - 0.002;
+  HandlePath path;
+  for (int k = 0; k <= 60; ++k) {
+    const double t = 0.001 * k;
+    Vec6 u = Vec6::Zero();
+    u << 0.1, 0, -0.3 * std::cos(30 * t), 0.5, 1, 0;
+    path.add({k, {Vec3(0.1 * t, 0, -0.01 * std::sin(30 * t)), expRotation(Vec3(0.5 * t, t, 0))}, u});
+  }
+  LiveTick tick;
+  LiveState whole = startState(m);
+  ASSERT_TRUE(tick.replayTo(60, 100, m, 0.001, Vec3(0, 0, -9.81), path, whole));
+  EXPECT_EQ(whole.index, 60);
+  EXPECT_GT(whole.contact_force.norm(), 0.01);
+  LiveState split = startState(m);
+  for (const int most : {1, 4, 7, 100}) {
+    LiveTick other;
+    ASSERT_TRUE(other.replayTo(60, most, m, 0.001, Vec3(0, 0, -9.81), path, split));
+  }
+  EXPECT_EQ(split.index, 60);
+  EXPECT_TRUE(split.z == whole.z && split.speed == whole.speed && split.contact_force == whole.contact_force &&
+              split.damped_force == whole.damped_force);
+  EXPECT_FALSE(tick.replayTo(70, 100, m, 0.001, Vec3::Zero(), path, split));  // not known so far
+}
+
+// A scene turned as a whole gives turned motion.
+TEST(LiveTick, KnowsNoDirectionOfItsOwn) {
+  const Quat turn = expRotation(Vec3(0.4, -0.8, 1.1));
+  LiveModel m = softTool(6, 8, 4, 11), other = m;
+  for (int i = 0; i < m.contacts; ++i) {
+    other.surface[i].normal = turn * m.surface[i].normal;
+    other.surface[i].a = turn * m.surface[i].a;
+  }
+  LiveTick a, b;
+  LiveState sa = startState(m), sb = startState(other);
+  LiveTickInput in = input(), turned_in = in;
+  turned_in.gravity = turn * in.gravity;
+  Pose pose, turned_pose{Vec3::Zero(), turn};
+  Vec6 u = Vec6::Zero(), turned_u = u;
+  for (int k = 0; k < 300; ++k) {
+    in.device = {Vec3(0.02 * std::sin(0.02 * k), 0, -0.0003 * k), expRotation(Vec3(0, 0.001 * k, 0.002 * k))};
+    turned_in.device = {turn * in.device.position, turn * in.device.rotation};
+    u = a.step(m, in, pose, u, sa);
+    turned_u = b.step(other, turned_in, turned_pose, turned_u, sb);
+    pose = advance(pose, in.dt * u);
+    turned_pose = advance(turned_pose, in.dt * turned_u);
+    ASSERT_LT((turn * pose.position - turned_pose.position).norm(), 1e-9) << k;
+    ASSERT_LT((sa.z - sb.z).norm(), 1e-9) << k;
+  }
+  EXPECT_GT(sa.contact_force.norm(), 0.1);
+}
+
+// Free of link, weight, contact and damping, a spinning soft tool keeps its momentum.
+TEST(LiveTick, FreeFlightKeepsMomentum) {
+  LiveModel m = softTool(8, 6, 0, 13);
+  m.beta = 0;
+  LiveTickInput in;
+  in.link = {0, 0, 0, 0};
+  in.gravity.setZero();
+  in.dt = 1e-4;
+  LiveTick tick;
+  LiveState state = startState(m);
+  Pose pose;
+  Vec6 u;
+  u << 0.1, 0.2, -0.1, 2.0, -1.0, 3.0;
+  const auto momentum = [&] {
+    const Mat3 r = pose.matrix();
+    const Vec3 v = r.transpose() * u.head<3>(), w = r.transpose() * u.tail<3>();
+    Vec3 p = m.mass * v - m.moment.cross(w) + m.coupling.topRows<3>() * state.speed;
+    p += w.cross(m.coupling.topRows<3>() * state.z);
+    return Vec3(r * p);
+  };
+  const Vec3 before = momentum();
+  for (int k = 0; k < 2000; ++k) {
+    u = tick.step(m, in, pose, u, state);
+    pose = advance(pose, in.dt * u);
+  }
+  EXPECT_GT(state.z.norm(), 1e-6);
+  EXPECT_LT((momentum() - before).norm(), 0.01 * before.norm());
+}
+
+TEST(LiveTick, DepthIsUndoneSlowly) {
+  LiveModel m = rigidTool(0.2);
+  m.contacts = 1;
+  m.arm = Vec3(0, 0, -0.05);
+  m.shape.resize(3, 0);
+  m.compliance = 1e-7 * Mat3::Identity();
+  m.tool_compliance = m.compliance;
+  m.damped_force.setZero(3);
+  m.contact_force.setZero(3);
+  m.curvature.resize(3, 0);
+  LiveTick tick;
+  LiveState state = startState(m);
+  Pose pose;
+  pose.position.z() = 0.04;  // 1 cm deep in the plane z = 0
+  LiveTickInput in = input();
+  in.device = pose;
+  Vec6 u = Vec6::Zero();
+  for (int k = 0; k < 150; ++k) {
+    u = tick.step(m, in, pose, u, state);
+    pose = advance(pose, in.dt * u);
+    ASSERT_LE(u.head<3>().norm(), 1.05 * LiveTick::kRecoverySpeed);  // in a tick, weight and link add their own
+  }
+  EXPECT_NEAR(pose.position.z(), 0.05, 1e-5);
+}
+
+TEST(HandlePath, HoldsTheLastSecond) {
+  HandlePath path;
+  for (int k = 5; k < 3000; ++k) path.add({k, {Vec3(k, 0, 0), Quat::Identity()}, Vec6::Zero()});
+  EXPECT_EQ(path.end(), 3000);
+  EXPECT_EQ(path.first(), 3000 - HandlePath::kCapacity);
+  EXPECT_EQ(path[2999].pose.position.x(), 2999);
+  EXPECT_FALSE(path.holds(3000));
+  path.add({4000, {}, Vec6::Zero()});  // a gap: what was before is of no use
+  EXPECT_EQ(path.first(), 4000);
+  EXPECT_FALSE(path.holds(2999));
+}
+
+}  // namespace
+}  // namespace palpate

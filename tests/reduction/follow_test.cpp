@@ -1,0 +1,104 @@
+// A handle that follows a path: World::follow().
+#include <gtest/gtest.h>
+
+#include "palpate/math/rotation.h"
+#include "shared/held_scenes.h"
+
+namespace palpate {
+namespace {
+
+using namespace test;
+
+constexpr double kStep = 0.033;
+
+struct Held {
+  World world;
+  explicit Held(double height) {
+    Material material;
+    material.youngs_modulus = 2e4;
+    material.damping_beta = 0.002;
+    BodyModel body = bar({4, 3, 3}, material);
+    holdNodes(body, onTop, kPlainHandle);
+    world.obstacles = {ground()};
+    world.add(std::move(body));
+    Pose start = world.tool().state.handle.pose;
+    start.position.z() += height;
+    world.setHandle(0, {start, Vec6::Zero()});
+    BodyState raised = world.tool().state;
+    for (const int n : world.tool().model.free()) raised.positions[3 * n + 2] += height;
+    world.setBody(0, raised);
+  }
+};
+
+ToolPath straight(const Pose& from, const Vec6& twist, double step) {
+  ToolPath path;
+  for (int k = 0; k <= 33; ++k) path.points.push_back({advance(from, step * k / 33.0 * twist), twist});
+  return path;
+}
+
+TEST(Follow, TheHandleIsWhereThePathEnds) {
+  Held held(0.1);
+  Vec6 twist;
+  twist << 0.2, -0.1, 0.05, 2.0, 1.0, -3.0;
+  for (int k = 0; k < 20; ++k) {
+    const ToolPath path = straight(held.world.tool().state.handle.pose, twist, kStep);
+    ASSERT_EQ(held.world.follow(path, kStep).status, StepStatus::ok);
+    const HandleState& handle = held.world.tool().state.handle;
+    EXPECT_LT(poseDifference(handle.pose, path.points.back().pose).norm(), 1e-12);
+    EXPECT_LT((handle.twist - twist).norm(), 1e-12);
+  }
+}
+
+// A tool without weight that is turned quickly and evenly ends up as a rigid body does but for the centrifugal load:
+// turning is no strain.
+TEST(Follow, TurningAloneStrainsNothing) {
+  Held held(0.1);
+  held.world.gravity.setZero();
+  Vec6 twist;
+  twist << Vec3::Zero(), 0, 0, 0.5;
+  StepReport report;
+  for (int k = 0; k < 60; ++k) {
+    report = held.world.follow(straight(held.world.tool().state.handle.pose, twist, kStep), kStep);
+  }
+  // centrifugal strain is of the order rho w^2 L^2 / E = 5e-6; its energy E V strain^2 / 2
+  EXPECT_LT(report.elastic_energy, 1e-9);
+}
+
+// A path into the ground: the free nodes stay above it whatever the handle does, and the handle stops where the ground
+// is.
+TEST(Follow, ContactStopsTheHandle) {
+  Held held(0.01);
+  Vec6 twist = Vec6::Zero();
+  twist[2] = -0.3;
+  Pose at = held.world.tool().state.handle.pose;
+  for (int k = 0; k < 12; ++k) {  // 12 cm down, 3 cm of it through the ground
+    const ToolPath path = straight(at, twist, kStep);
+    at = path.points.back().pose;
+    const StepReport report = held.world.follow(path, kStep);
+    EXPECT_NE(report.status, StepStatus::restored);
+    ASSERT_LT(deepestVertex(held.world, 0), 5e-4) << k;
+  }
+  EXPECT_TRUE(held.world.tool().state.isFinite());
+}
+
+TEST(Follow, CorrectionsEnterWithTheStep) {
+  Held held(0.1);
+  held.world.gravity.setZero();
+  const BodyModel& tool = held.world.tool().model;
+  ToolPath path = straight(held.world.tool().state.handle.pose, Vec6::Zero(), kStep);
+  path.shift = VecX::Constant(3 * tool.freeNodes(), 1e-4);
+  const VecX before = held.world.tool().state.positions;
+  ASSERT_EQ(held.world.follow(path, 1e-6).status, StepStatus::ok);  // no time for anything else
+  double least = 1, most = 0;
+  for (const int n : tool.free()) {
+    const Vec3 moved = held.world.tool().state.positions.segment<3>(3 * n) - before.segment<3>(3 * n);
+    least = std::min(least, moved.minCoeff());
+    most = std::max(most, moved.maxCoeff());
+  }
+  EXPECT_NEAR(least, 1e-4, 1e-8);
+  EXPECT_NEAR(most, 1e-4, 1e-8);
+  EXPECT_LT(held.world.tool().state.velocities.cwiseAbs().maxCoeff(), 1e-2);  // not 100 m/s: it is no motion
+}
+
+}  // namespace
+}  // namespace palpate

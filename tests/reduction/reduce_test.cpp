@@ -1,0 +1,159 @@
+#include "palpate/reduction/reduce.h"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Eigenvalues>
+
+#include "palpate/math/rotation.h"
+#include "palpate/reduction/tool_modes.h"
+#include "shared/held_scenes.h"
+
+namespace palpate {
+namespace {
+
+using namespace test;
+
+// A bar held by its top, pressed a little onto the ground and shifted.
+struct Pressed {
+  World world;
+  Material material;
+  explicit Pressed(const Quat& turn = Quat::Identity()) {
+    material.youngs_modulus = 2e4;
+    material.damping_beta = 0.002;
+    BodyModel body = bar({4, 3, 3}, material);
+    if (!turn.isApprox(Quat::Identity())) {
+      body = BodyModel("bar", moved(barMesh(kBarSize, {4, 3, 3}), {Vec3::Zero(), turn}), material);
+    }
+    const auto held = [&](const Vec3& p) { return onTop(turn.conjugate() * p); };
+    HandleOptions options = kPlainHandle;
+    options.rotation = turn;
+    options.inertia = Vec3(1e-5, 2e-5, 3e-5);
+    holdNodes(body, held, options);
+    world.link = {700, 5, 1.0, 0.005};
+    world.gravity = turn * Vec3(0, 0, -9.81);
+    Obstacle plane = ground();
+    std::get<PlaneShape>(plane.shape).normal = turn * Vec3::UnitZ();
+    world.obstacles = {plane};
+    world.contact.cone.exact = true;  // a polyhedral one has directions of its own
+    world.add(std::move(body));
+    DeviceTarget target{world.tool().state.handle.pose};
+    for (int k = 1; k <= 60; ++k) {
+      const double share = std::min(1.0, k / 40.0);
+      Vec6 way = Vec6::Zero();
+      way.head<3>() = turn * (share * Vec3(0.002, 0.001, -0.004));
+      const DeviceTarget now{advance(target.pose, way), Vec6::Zero()};
+      if (world.step(now, 0.033).failed()) ADD_FAILURE();
+    }
+  }
+  LiveModel reduced(const LiveSettings& settings, LiveBasis& basis) {
+    ToolReduction reduction;
+    DampedForces damped;
+    dampForces(world, 1e3, damped);
+    const ToolShape shape = toolShape(world);
+    return reduction.reduce(world, settings, {shape, damped, MatX(), 0.033}, basis);
+  }
+};
+
+// K of the free nodes, dense, world frame.
+MatX stiffness(const World& world) {
+  const BodyModel& tool = world.tool().model;
+  SymmetricBlockMatrix a = tool.pattern();
+  ElasticState elastic = world.tool().state.elastic;
+  tool.elasticity().updateRotations(world.tool().state.positions, elastic);
+  tool.elasticity().assemble(0.0, 1.0, elastic, a);
+  MatX dense(3 * a.size, 3 * a.size);
+  for (Eigen::Index j = 0; j < dense.cols(); ++j) dense.col(j) = a.multiply(VecX::Unit(dense.cols(), j));
+  return dense;
+}
+
+TEST(Reduction, ModesAreThoseOfTheDenseProblem) {
+  Pressed scene;
+  LiveSettings settings;
+  LiveBasis basis;
+  const LiveModel model = scene.reduced(settings, basis);
+  ASSERT_TRUE(isFinite(model));
+  const BodyModel& tool = scene.world.tool().model;
+  VecX mass(3 * tool.freeNodes());
+  for (int r = 0; r < tool.freeNodes(); ++r) {
+    mass.segment<3>(3 * r).setConstant(tool.elasticity().mass()[tool.free()[r]]);
+  }
+  const MatX m = mass.asDiagonal();
+  const Eigen::GeneralizedSelfAdjointEigenSolver<MatX> exact(stiffness(scene.world), m);
+  for (int k = 0; k < settings.modes; ++k) {
+    EXPECT_NEAR(model.squared_frequency[k] / exact.eigenvalues()[k], 1.0, 0.02) << k;
+  }
+  EXPECT_LT((basis.modes.transpose() * mass.asDiagonal() * basis.modes - MatX::Identity(8, 8)).norm(), 1e-9);
+}
+
+// A long horizon: what modes and W give together is the static compliance, for any number of modes.
+TEST(Reduction, GivesTheWholeStaticCompliance) {
+  Pressed scene;
+  const MatX k = stiffness(scene.world);
+  const Mat3 rotation = scene.world.tool().state.handle.pose.matrix();
+  for (const int modes : {0, 3, 8}) {
+    LiveSettings settings;
+    settings.modes = modes;
+    settings.horizon = 100.0;
+    LiveBasis basis;
+    const LiveModel model = scene.reduced(settings, basis);
+    ASSERT_GT(model.contacts, 4);
+    MatX whole = model.tool_compliance;
+    whole += model.shape * model.squared_frequency.cwiseInverse().asDiagonal() * model.shape.transpose();
+    // its quadratic form on random loads at the contacts, against the dense solution
+    const Body tool = scene.world.tool();
+    double seen = 0;
+    for (int i = 0; i < model.contacts; ++i) {
+      // the contact's nodes again, from its place: the bottom's vertices are nodes
+      const Vec3 place = tool.state.handle.pose.apply(model.arm.segment<3>(3 * i));
+      for (int r = 0; r < tool.model.freeNodes(); ++r) {
+        const Vec3 x = tool.state.positions.segment<3>(3 * tool.model.free()[r]);
+        if ((x - place).norm() > 1e-9) continue;
+        VecX load = VecX::Zero(k.rows());
+        load.segment<3>(3 * r) = Vec3::UnitZ();
+        const Vec3 expected = k.ldlt().solve(load).segment<3>(3 * r);
+        const Vec3 given = rotation * whole.block<3, 3>(3 * i, 3 * i) * rotation.transpose() * Vec3::UnitZ();
+        EXPECT_LT((given - expected).norm(), 1e-3 * expected.norm()) << modes;
+        ++seen;
+      }
+    }
+    EXPECT_GT(seen, 0);
+  }
+}
+
+TEST(Reduction, ComplianceIsSymmetricAndPositive) {
+  Pressed scene;
+  LiveBasis basis;
+  const LiveModel model = scene.reduced({}, basis);
+  const MatX w = model.compliance;
+  EXPECT_LT((w - w.transpose()).norm(), 1e-12 * w.norm());
+  EXPECT_GE(Eigen::SelfAdjointEigenSolver<MatX>(w).eigenvalues().minCoeff(), 0.99e-7);
+}
+
+// All weight and press arrive: the merged contacts carry the force and the torque of the world's.
+TEST(Reduction, MergedContactsCarryTheWholeForce) {
+  Pressed scene;
+  LiveSettings settings;
+  settings.contacts = 4;
+  LiveBasis basis;
+  const LiveModel model = scene.reduced(settings, basis);
+  ASSERT_EQ(model.contacts, 4);
+  const Vec3 expected = contactForce(scene.world, 0).total;
+  Vec3 sum = Vec3::Zero();
+  for (int i = 0; i < 4; ++i) sum += model.contact_force.segment<3>(3 * i);
+  EXPECT_GT(expected.norm(), 0.3);
+  EXPECT_LT((scene.world.tool().state.handle.pose.rotation * sum - expected).norm(), 1e-9);
+}
+
+TEST(Reduction, TurnsWithTheScene) {
+  const Quat turn = expRotation(Vec3(0.5, -0.3, 0.9));
+  Pressed plain, turned(turn);
+  LiveBasis a, b;
+  const LiveModel m = plain.reduced({}, a), n = turned.reduced({}, b);
+  ASSERT_EQ(m.contacts, n.contacts);
+  EXPECT_LT((m.squared_frequency - n.squared_frequency).norm(), 1e-6 * m.squared_frequency.norm());
+  EXPECT_LT((Mat6(m.inertia) - Mat6(n.inertia)).norm(), 1e-6 * m.inertia.norm());
+  EXPECT_NEAR(m.compliance.trace(), n.compliance.trace(), 1e-3 * m.compliance.trace());
+}
+
+}  // namespace
+}  // namespace palpate
