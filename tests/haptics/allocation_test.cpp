@@ -1,6 +1,7 @@
 // The haptic tick must not allocate. Counts calls of malloc itself, so that it sees whatever is underneath.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cstdlib>
 #include <limits>
 #include <random>
@@ -13,6 +14,7 @@
 #include "palpate/haptics/record_queue.h"
 #include "shared/count_allocations.h"
 #include "shared/haptic_models.h"
+#include "shared/live_examples.h"
 
 namespace palpate {
 namespace {
@@ -38,6 +40,35 @@ TEST_F(Allocation, TheCounterCounts) {
               delete wide;
             }),
             1);
+}
+
+TEST_F(Allocation, NoneInALiveTickAndItsReplay) {
+  LiveModel model = test::softTool(20, LiveSize::kModes, LiveSize::kContacts, 3);
+  for (int i = 0; i < model.contacts; ++i) model.surface[i].a.z() = model.arm[3 * i + 2] - 0.001;
+  model.facets = 8;
+  HapticSettings settings;
+  settings.rendering = Rendering::live;
+  HapticLoop loop(settings);
+  LiveUpdate update{model, startState(model)};
+  HandleModel handle;
+  double most = 0;
+  const int count = test::allocationsIn([&] {
+    loop.start(Pose{}, Pose{}, 0.0);
+    for (int i = 0; i < 500; ++i) {
+      if (i % 33 == 0) {
+        update.model.index = std::max(0, i - 20);  // is replayed for some ticks
+        update.state = startState(update.model);
+        loop.offer(update);
+      }
+      DeviceState device;
+      device.pose.position = Vec3(1e-5 * i, 0, -2e-5 * i);
+      most = std::max(most, loop.tick(device, &handle, i * 0.001).raw.norm());
+    }
+  });
+  EXPECT_EQ(count, 0);
+  EXPECT_GT(loop.counters()[TickFlag::model_catching_up], 10u);
+  EXPECT_EQ(loop.counters()[TickFlag::model_rejected], 0u);
+  EXPECT_GT(most, 0.5);
 }
 
 TEST_F(Allocation, NoneInATick) {

@@ -5,8 +5,8 @@
 #include <Eigen/QR>
 #include <cmath>
 
-#include "live_examples.h"
 #include "palpate/math/rotation.h"
+#include "shared/live_examples.h"
 
 namespace palpate {
 namespace {

@@ -96,10 +96,7 @@ std::vector<std::string> shippedScenes() {
   return names;
 }
 
-class SavedState : public ::testing::TestWithParam<std::string> {};
-
-TEST_P(SavedState, GoesOnToTheBitInAWorldBuiltAnew) {
-  const SceneConfig config = sceneNamed(GetParam());
+void expectToGoOnToTheBit(const SceneConfig& config) {
   const std::int64_t step = std::llround(config.visual_step / config.haptic_step);
   const std::int64_t most = std::llround(std::min(kSearch, config.duration) / config.haptic_step);
 
@@ -139,6 +136,18 @@ TEST_P(SavedState, GoesOnToTheBitInAWorldBuiltAnew) {
   second.runUntil(at + kSteps * step + step);
   expectSame(expected, other);
   EXPECT_TRUE(toBytes(second.state().world) == end);
+}
+
+class SavedState : public ::testing::TestWithParam<std::string> {};
+
+TEST_P(SavedState, GoesOnToTheBitInAWorldBuiltAnew) { expectToGoOnToTheBit(sceneNamed(GetParam())); }
+
+TEST(SavedLiveState, GoesOnToTheBitInAWorldBuiltAnew) {
+  for (const char* name : {"alien", "palpation"}) {
+    SceneConfig config = sceneNamed(name);
+    config.method = MethodName::live;
+    expectToGoOnToTheBit(config);
+  }
 }
 
 INSTANTIATE_TEST_SUITE_P(Scenes, SavedState, ::testing::ValuesIn(shippedScenes()), [](const auto& scene) {

@@ -41,6 +41,78 @@ obstacles:
 
 SceneConfig tinyScene() { return readSceneFromString(kScene, "tiny"); }
 
+// --- method live, against the 1 kHz simulation
+
+SceneConfig shipped(const std::string& name) {
+  return readScene(std::string(PALPATE_SOURCE_DIR) + "/scenes/" + name + ".yaml");
+}
+
+// The bounds are what the method is chosen for: a fifth of what one feels as a difference of forces of some newtons.
+TEST(Live, GivesTheForceOfTheFineSimulation) {
+  struct Case {
+    double stiffness, friction, force, torque;  // Pa, -, N, of hsl's torque error
+  };
+  for (const Case& c :
+       {Case{2e4, 0.0, 0.06, 0.4}, {2e4, 0.5, 0.08, 0.4}, {1e5, 0.0, 0.03, 0.4}, {1e5, 0.5, 0.5, 0.4}}) {
+    SceneConfig config = shipped("cube");
+    config.tool.material.youngs_modulus = c.stiffness;
+    config.contact.friction = c.friction;
+    config.obstacles.front().friction = c.friction;
+    StudySettings settings;
+    settings.methods = {"live", "hsl"};
+    settings.visual_steps = {0.033};
+    const SceneStudy study = evaluateScene(config, settings);
+    const StudyRow &live = study.rows[0], &hsl = study.rows[1];
+    EXPECT_LE(live.error.rms_force, c.force) << c.stiffness << ' ' << c.friction;
+    EXPECT_LE(live.error.rms_torque, c.torque * hsl.error.rms_torque) << c.stiffness << ' ' << c.friction;
+    ASSERT_TRUE(live.drag && live.onset);
+    EXPECT_LE(std::abs(*live.drag), 0.005);
+    EXPECT_LE(std::abs(*live.onset), 0.002);
+    const double absorbed = live.returned / study.reference_returned;
+    EXPECT_NEAR(absorbed, 1.0, c.friction > 0 ? 0.2 : 0.06);
+  }
+}
+
+// Largest swing of a component of the force between two times [N].
+double swing(const SceneConfig& config, double from, double to) {
+  BuiltScene scene = buildScene(config);
+  Vec3 least = Vec3::Constant(1e9), most = Vec3::Constant(-1e9);
+  RunSink sink;
+  sink.tick = [&](const TickRecord& r) {
+    if (r.time < from || r.time >= to) return;
+    least = least.cwiseMin(r.raw.head<3>());
+    most = most.cwiseMax(r.raw.head<3>());
+  };
+  runLockstep(scene, timingOf(config), sink);
+  return (most - least).maxCoeff();
+}
+
+// A tool that is pressed and held by a relaxed hand: hsl swings by newtons, as its force comes a step late.
+TEST(Live, IsQuietInSoftHands) {
+  for (const auto& [stiffness, damping] : {std::pair{500.0, 8.0}, {200.0, 3.0}, {100.0, 2.0}, {30.0, 0.5}}) {
+    for (const double friction : {0.0, 0.5}) {
+      for (const int latency : {1, 2}) {
+        SceneConfig config = shipped("cube");
+        config.duration = 4.0;
+        config.contact.friction = friction;
+        config.obstacles.front().friction = friction;
+        config.latency = latency;
+        config.method = MethodName::live;
+        config.device = {};
+        config.device.kind = DeviceName::simulated;
+        config.device.hand_stiffness = stiffness;
+        config.device.hand_damping = damping;
+        auto& keys = config.tool.handles.front().hand.keyframes;
+        keys.resize(3);  // press and hold
+        EXPECT_LE(swing(config, 3.4, 4.0), 0.01) << stiffness << ' ' << friction << ' ' << latency;
+        if (stiffness > 150) continue;
+        config.method = MethodName::hsl;
+        EXPECT_GT(swing(config, 3.4, 4.0), 1.0) << "what the method is for";
+      }
+    }
+  }
+}
+
 std::string causeOf(const StudySettings& settings, const SceneConfig& config) {
   try {
     evaluateScene(config, settings);

@@ -73,9 +73,9 @@ TickRecord HapticLoop::tick(const DeviceState& sample, const HandleModel* newest
 }
 
 HapticLoopState HapticLoop::state() const noexcept {
-  return {filter_.state(), proxy_.state(), safety_.state(), observer_,         counters_,
-          model_,          has_model_,     live_,           pending_,          has_live_,
-          has_pending_,    path_,          start_time_,     last_device_pose_, last_sent_};
+  return {filter_.state(), proxy_.state(), safety_.state(), observer_,           counters_,
+          model_,          has_model_,     live_[current_], live_[1 - current_], has_live_,
+          has_pending_,    path_,          start_time_,     last_device_pose_,   last_sent_};
 }
 
 void HapticLoop::restore(const HapticLoopState& state) noexcept {
@@ -86,8 +86,8 @@ void HapticLoop::restore(const HapticLoopState& state) noexcept {
   counters_ = state.counters;
   model_ = state.model;
   has_model_ = state.has_model;
-  live_ = state.live;
-  pending_ = state.pending;
+  live_[current_] = state.live;
+  live_[1 - current_] = state.pending;
   has_live_ = state.has_live;
   has_pending_ = state.has_pending;
   path_ = state.path;
@@ -125,9 +125,10 @@ const HandleModel* HapticLoop::takeModel(const HandleModel* newest, TickFlags& f
 }
 
 void HapticLoop::offer(const LiveUpdate& update) noexcept {
-  if (has_live_ && update.model.index <= live_.model.index) return;
-  if (has_pending_ && update.model.index <= pending_.model.index) return;
-  pending_ = update;
+  LiveUpdate& pending = live_[1 - current_];
+  if (has_live_ && update.model.index <= live_[current_].model.index) return;
+  if (has_pending_ && update.model.index <= pending.model.index) return;
+  pending = update;
   has_pending_ = true;
 }
 
@@ -136,15 +137,16 @@ void HapticLoop::takeLive(TickFlags& flags) noexcept {
   if (!has_pending_) return;
   constexpr int kMost = 4;  // ticks replayed within one
   const std::int64_t now = path_.end() - 1;
+  LiveUpdate& pending = live_[1 - current_];
   const bool known =
-      live_tick_.replayTo(now, kMost, pending_.model, settings_.dt, settings_.proxy.gravity, path_, pending_.state);
-  if (!known || !isFinite(pending_.state) || !isFinite(pending_.model)) {
+      live_tick_.replayTo(now, kMost, pending.model, settings_.dt, settings_.proxy.gravity, path_, pending.state);
+  if (!known || !isFinite(pending.state) || !isFinite(pending.model)) {
     has_pending_ = false;
     flags.set(TickFlag::model_rejected);
-  } else if (pending_.state.index < now) {
+  } else if (pending.state.index < now) {
     flags.set(TickFlag::model_catching_up);
   } else {
-    live_ = pending_;
+    current_ = 1 - current_;
     has_live_ = true;
     has_pending_ = false;
   }
@@ -153,10 +155,11 @@ void HapticLoop::takeLive(TickFlags& flags) noexcept {
 TickFlags HapticLoop::stepLive(const DeviceState& device) noexcept {
   const double dt = settings_.dt;
   if (!has_live_) return proxy_.step(nullptr, settings_.link, device, dt);
+  LiveUpdate& live = live_[current_];
   const LiveTickInput input{dt, settings_.proxy.gravity, settings_.link, device.pose, device.twist};
-  const Vec6 twist = live_tick_.step(live_.model, input, proxy_.pose(), proxy_.twist(), live_.state);
+  const Vec6 twist = live_tick_.step(live.model, input, proxy_.pose(), proxy_.twist(), live.state);
   const TickFlags flags = proxy_.move(twist, device, dt);
-  if (!isFinite(live_.state)) has_live_ = false;  // the next model begins anew
+  if (!isFinite(live.state)) has_live_ = false;  // the next model begins anew
   return flags;
 }
 

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <array>
+
 #include "palpate/haptics/coupling.h"
 #include "palpate/haptics/device_filter.h"
 #include "palpate/haptics/proxy.h"
@@ -116,7 +118,8 @@ class HapticLoop {
   TickCounters counters_;
   HandleModel model_;
   bool has_model_ = false;
-  LiveUpdate live_, pending_;
+  std::array<LiveUpdate, 2> live_;  // the one in use, and the one that is being replayed
+  std::size_t current_ = 0;
   bool has_live_ = false, has_pending_ = false;
   LiveTick live_tick_;
   HandlePath path_;

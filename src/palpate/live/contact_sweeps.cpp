@@ -1,31 +1,59 @@
 #include "palpate/live/contact_sweeps.h"
 
+#include <Eigen/Core>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <numbers>
 
 namespace palpate {
 namespace {
 
+constexpr double kSettled = 1e-7;  // [N]; less is felt by nobody
+
+using Vec2 = Eigen::Vector2d;
+
+// Edges of a regular polygon in the unit circle: directions to their middles.
+struct Polygon {
+  int facets = 0;
+  double inner = 1, half = 0;  // distance of an edge, half its length
+  std::array<Vec2, LiveModel::kFacets> middle;
+
+  explicit Polygon(int count) : facets(count) {
+    if (facets == 0) return;
+    const double angle = std::numbers::pi / facets;
+    inner = std::cos(angle);
+    half = std::sin(angle);
+    for (int k = 0; k < facets; ++k) middle[k] = Vec2(std::cos((2 * k + 1) * angle), std::sin((2 * k + 1) * angle));
+  }
+  // The nearest point in a polygon of this radius.
+  Vec2 limit(const Vec2& pull, double radius) const {
+    int edge = 0;
+    double out = pull.dot(middle[0]);
+    for (int k = 1; k < facets; ++k) {
+      const double along = pull.dot(middle[k]);
+      if (along > out) {
+        out = along;
+        edge = k;
+      }
+    }
+    if (out <= inner * radius) return pull;
+    const Vec2 m = middle[edge], side(-m.y(), m.x());
+    return inner * radius * m + std::clamp(pull.dot(side), -half * radius, half * radius) * side;
+  }
+};
+
 // A tangential force to the nearest in the circle of this radius, or in the polygon in it.
-void limit(const TickContacts& contacts, int i, double radius, Vec3& pull) {
-  const double length = pull.norm();
-  if (contacts.facets == 0) {
+void limit(const TickContacts& contacts, const Polygon& polygon, int i, double radius, Vec3& pull) {
+  if (polygon.facets == 0) {
+    const double length = pull.norm();
     if (length > radius) pull *= radius / length;
     return;
   }
-  const double half = std::numbers::pi / contacts.facets;
-  const double inner = radius * std::cos(half);
-  if (length <= inner) return;
-  const Vec3 other = contacts.normal[i].cross(contacts.tangent[i]);
-  const double angle = std::atan2(pull.dot(other), pull.dot(contacts.tangent[i]));
-  const double middle = (2.0 * std::floor(angle / (2.0 * half)) + 1.0) * half;  // of the edge
-  const double out = length * std::cos(angle - middle), along = length * std::sin(angle - middle);
-  if (out <= inner) return;
-  const double reach = radius * std::sin(half), kept = std::clamp(along, -reach, reach);
-  const double x = inner * std::cos(middle) - kept * std::sin(middle);
-  const double y = inner * std::sin(middle) + kept * std::cos(middle);
-  pull = x * contacts.tangent[i] + y * other;
+  if (pull.squaredNorm() <= polygon.inner * polygon.inner * radius * radius) return;
+  const Vec3 &first = contacts.tangent[i], other = contacts.normal[i].cross(first);
+  const Vec2 kept = polygon.limit({pull.dot(first), pull.dot(other)}, radius);
+  pull = kept.x() * first + kept.y() * other;
 }
 
 }  // namespace
@@ -45,9 +73,11 @@ void sweep(const TickContacts& contacts, int sweeps, RowVector& force) noexcept 
     along[i] = contacts.normal[i].dot(own * contacts.normal[i]);
     across[i] = 0.75 * (own.trace() - along[i]);
   }
+  const Polygon polygon(contacts.facets);
   RowVector s = contacts.free;
   s.noalias() += g * force;
   for (int k = 0; k < sweeps; ++k) {
+    double most = 0;  // change in this sweep [N]
     for (int i = 0; i < contacts.count; ++i) {
       const Vec3& n = contacts.normal[i];
       const Vec3 before = force.segment<3>(3 * i);
@@ -58,13 +88,16 @@ void sweep(const TickContacts& contacts, int sweeps, RowVector& force) noexcept 
       if (contacts.friction[i] > 0 && press > 0) {
         const Vec3 moved = way + g.block<3, 3>(3 * i, 3 * i) * ((press - pressed) * n);
         Vec3 pull = before - pressed * n - (moved - n.dot(moved) * n) / across[i];
-        limit(contacts, i, contacts.friction[i] * press, pull);
+        limit(contacts, polygon, i, contacts.friction[i] * press, pull);
         after += pull;
       }
       const Vec3 change = after - before;
-      s.noalias() += g.middleCols<3>(3 * i) * change;
+      if (change.isZero(0.0)) continue;
+      most = std::max(most, change.cwiseAbs().maxCoeff());
+      s += change[0] * g.col(3 * i) + change[1] * g.col(3 * i + 1) + change[2] * g.col(3 * i + 2);
       force.segment<3>(3 * i) = after;
     }
+    if (most < kSettled) return;
   }
 }
 

@@ -14,7 +14,7 @@ struct TickContacts {
   std::array<Vec3, LiveSize::kContacts> normal;
   std::array<double, LiveSize::kContacts> gap{};  ///< [m]
   std::array<double, LiveSize::kContacts> friction{};
-  int facets = 0;                                 ///< of the cones; 0: round
+  int facets = 0;                                 ///< of the cones, at most LiveModel::kFacets; 0: round
   std::array<Vec3, LiveSize::kContacts> tangent;  ///< along which a cone of facets has its first vertex
 
   /// Whether one would close without any force.

@@ -83,7 +83,9 @@ struct LiveModel {
   RowVector damped_force, contact_force;                            ///< lb1, lambda1 [N]
   std::array<LiveSurface, LiveSize::kContacts> surface;
   std::array<double, LiveSize::kContacts> friction{};
-  int facets = 0;  ///< of the friction cones, the first vertex along world x made tangent; 0: round
+  int facets = 0;  ///< of the friction cones, the first vertex along world x made tangent; 0: round, as for many
+  static constexpr int kFacets = 16;  ///< at most
+  bool partners_yield = false;        ///< W has more than the tool's part
 
   // second order of the contacts' places: pairs (i, j), i <= j, of the lowest modes
   int second = 0;

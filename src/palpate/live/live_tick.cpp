@@ -109,7 +109,11 @@ void LiveTick::placeContacts(const LiveModel& model, const LiveState& state, con
   const RowVector loaded = state.damped_force - model.damped_force;
   place_ = bent;
   place_.noalias() += model.compliance * loaded;
-  bent.noalias() += model.tool_compliance * loaded;
+  if (model.partners_yield) {
+    bent.noalias() += model.tool_compliance * loaded;
+  } else {
+    bent = place_;
+  }
   jacobian_.resize(3 * m, 6 + r);
   for (int i = 0; i < m; ++i) {
     contacts_.friction[i] = model.friction[i];

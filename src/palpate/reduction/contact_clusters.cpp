@@ -6,8 +6,9 @@
 namespace palpate {
 namespace {
 
-constexpr double kAlike = 0.7;                                         // cosine of the normals within a cluster
-constexpr double kLeastSurfaceReach = 1e-3, kMostSurfaceReach = 0.02;  // [m]
+constexpr double kAlike = 0.7;          // cosine of the normals within a cluster
+constexpr double kSurfaceReach = 1e-3;  // [m]
+constexpr double kFarthest = 0.03;      // that a surface is followed ahead [m]
 
 Contact turnedAround(Contact c) {
   std::swap(c.first, c.second);
@@ -36,14 +37,13 @@ std::vector<TouchPoint> findTouchPoints(World& world, const VecX& positions, con
     for (Eigen::Index i = 0; i + 2 < v.size(); i += 3) of_body = std::max(of_body, v.segment<3>(i).norm());
     fastest = std::max(fastest, of_body);
   }
-  const double surface_reach = std::clamp(lookahead * fastest, kLeastSurfaceReach, kMostSurfaceReach);
+  const double ahead = lookahead * fastest > kFarthest ? kFarthest / fastest : lookahead;
   std::vector<Contact> near;
-  world.nearby(positions, margin + lookahead * fastest, surface_reach, near);
+  world.nearby({positions, speeds}, margin + lookahead * fastest, kSurfaceReach, ahead, near);
 
   // each force belongs to the nearest of the contacts that it may be of
-  std::sort(near.begin(), near.end(), [](const Contact& a, const Contact& b) {
-    return std::pair(a.end_gap, a.key) < std::pair(b.end_gap, b.key);
-  });
+  std::sort(near.begin(), near.end(),
+            [](const Contact& a, const Contact& b) { return std::pair(a.gap, a.key) < std::pair(b.gap, b.key); });
   const ContactMemory& memory = world.state().contacts;
   std::vector<std::uint64_t> given;
   const auto positionsOf = [&](int body) -> const VecX& {
@@ -71,7 +71,7 @@ std::vector<TouchPoint> findTouchPoints(World& world, const VecX& positions, con
     const bool soon = gap + lookahead * std::min(0.0, p.contact.normal.dot(closing)) < margin;
     if (soon || !p.force.isZero(0.0)) out.push_back(p);
   };
-  for (const Contact& c : near) take(c, c.end_gap);
+  for (const Contact& c : near) take(c, c.gap);
   for (const Contact& c : memory.loaded) {
     if (c.first.body != tool && c.second.body != tool) continue;
     if (std::find(given.begin(), given.end(), c.track) != given.end()) continue;

@@ -4,9 +4,9 @@ namespace palpate {
 
 /// How a live model is made (docs/live.md).
 struct LiveSettings {
-  int modes = 8;             ///< r, at most LiveSize::kModes
+  int modes = 12;            ///< r, at most LiveSize::kModes
   int contacts = 16;         ///< at most LiveSize::kContacts
-  int second_order = 4;      ///< q, at most LiveSize::kSecond
+  int second_order = 2;      ///< q, at most LiveSize::kSecond
   double horizon = 0.033;    ///< H is this or the visual step, whichever is longer [s]
   double margin = 0.005;     ///< what is nearer than this, or will be, becomes a contact [m]
   double lookahead = 0.066;  ///< for that long as it now moves [s]

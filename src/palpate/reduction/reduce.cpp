@@ -164,6 +164,7 @@ void ToolReduction::addContacts(World& world, const LiveSettings& settings, cons
   model.damped_force.setZero(3 * m);
   model.contact_force.setZero(3 * m);
   contact_columns_.setZero(basis.modes.rows(), 3 * m);
+  columns_.clear();
   std::vector<std::vector<NodeSum>> partners(static_cast<std::size_t>(world.bodies()));
   for (std::size_t g = 0; g < clusters.size(); ++g) {
     const auto at = static_cast<Eigen::Index>(3 * g);
@@ -177,7 +178,10 @@ void ToolReduction::addContacts(World& world, const LiveSettings& settings, cons
       for (int k = 0; k < point.count; ++k) {
         const double share = weight * point.weight[k];
         const int row = tool.model.row()[point.node[k]];
-        if (row >= 0) contact_columns_.block<3, 3>(3 * row, at).diagonal().array() += share;
+        if (row >= 0) {
+          contact_columns_.block<3, 3>(3 * row, at).diagonal().array() += share;
+          columns_.add(row, share * Mat3::Identity());
+        }
         model.arm.segment<3>(at) += share * positions_.segment<3>(3 * point.node[k]);
       }
     };
@@ -199,6 +203,7 @@ void ToolReduction::addContacts(World& world, const LiveSettings& settings, cons
         partner.nodes.emplace_back(p.contact.second.node[k], -weight * p.contact.second.weight[k]);
       }
     }
+    columns_.close();
     surface.normal.normalize();
     surface.a = foot;
     model.friction[g] = friction;
@@ -214,16 +219,18 @@ void ToolReduction::addContacts(World& world, const LiveSettings& settings, cons
     }
   }
   model.shape = contact_columns_.transpose() * basis.modes;
-  MatX response = contact_columns_;
-  if (m > 0) factor_.solve(response);
-  MatX w = e * (contact_columns_.transpose() * response);
+  MatX w(3 * m, 3 * m);
+  if (m > 0) factor_.gram(columns_, w);
+  w = e * MatX(w.selfadjointView<Eigen::Lower>());
   for (Eigen::Index k = 0; k < r; ++k) {
     w -= model.shape.col(k) * model.shape.col(k).transpose() / (model.squared_frequency[k] + 1.0 / e);
   }
   model.tool_compliance = w;
+  model.partners_yield = false;
   MatX others = MatX::Zero(3 * m, 3 * m);
   for (int b = 0; b < world.bodies(); ++b) {
     if (!partners[static_cast<std::size_t>(b)].empty()) {
+      model.partners_yield = true;
       addPartnerCompliance(world, b, partners[static_cast<std::size_t>(b)], others);
     }
   }
@@ -309,7 +316,8 @@ LiveModel ToolReduction::reduce(World& world, const LiveSettings& settings, cons
   model.twist = tool.state.handle.twist;
   model.alpha = material.damping_alpha;
   model.beta = material.damping_beta;
-  model.facets = world.contact.cone.exact ? 0 : world.contact.cone.facets;
+  const FrictionCone& cone = world.contact.cone;
+  model.facets = cone.exact || cone.facets > LiveModel::kFacets ? 0 : cone.facets;
   factorize(world, input, e, model);
   if (!std::isfinite(model.mass)) return model;
   const ToolModes modes = findModes(factor_, mass_, input.start, std::clamp(settings.modes, 0, LiveSize::kModes), e);

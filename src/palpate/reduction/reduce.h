@@ -58,6 +58,7 @@ class ToolReduction {
   VecX positions_;        // all nodes, world frame turned back into the handle's: R^T (x - p)
   VecX mass_;             // of each free row
   VecX forces_;           // elastic, handle's frame, all nodes
+  BlockColumns columns_;  // the same by the nodes that it acts on
   MatX contact_columns_;  // J^T, handle's frame
 };
 

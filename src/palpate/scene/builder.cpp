@@ -347,6 +347,7 @@ BuiltScene buildChecked(const SceneConfig& config) {
   out.linearization.delassus = delassusOf(config.method);
   out.linearization.derivative = config.derivative == DerivativeName::full ? Derivative::full : Derivative::frozen;
   out.haptic = buildHaptic(config, world);
+  out.live = config.live;
   return out;
 }
 

@@ -14,6 +14,7 @@
 #include "palpate/haptics/safety.h"
 #include "palpate/math/types.h"
 #include "palpate/mesh/revolution.h"
+#include "palpate/reduction/live_settings.h"
 #include "palpate/rigid/link.h"
 
 namespace palpate {
@@ -265,6 +266,7 @@ struct SceneConfig {
   MethodName method = MethodName::hsl;
   AimName aim = AimName::sample;
   DerivativeName derivative = DerivativeName::frozen;
+  LiveSettings live;                 ///< of method `live`
   bool weight_compensation = false;  ///< the device does not feel the tool's static weight
   std::uint64_t seed = 1;            ///< of everything random: the motion of `palpate stress`
   std::optional<Vec3> view_from;     ///< unit vector, world: where pictures of a run look from; absent: viewFrom()

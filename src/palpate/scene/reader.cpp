@@ -1,4 +1,5 @@
 #include "palpate/scene/reader.h"
+#include "palpate/live/live_model.h"
 
 #include <fmt/format.h>
 
@@ -95,6 +96,16 @@ void readSubsteps(const Value& value, SceneConfig& config) {
   config.substeps = value.integer(1, kMaxSubsteps);
 }
 
+void readLive(const Value& value, LiveSettings& live) {
+  value.fields({integerField("modes", live.modes, 0, LiveSize::kModes),
+                integerField("contacts", live.contacts, 1, LiveSize::kContacts),
+                integerField("second_order", live.second_order, 0, LiveSize::kSecond),
+                numberField("horizon", live.horizon, Range::positive(10.0, "s")),
+                numberField("margin", live.margin, Range::positive(1.0, "m")),
+                numberField("lookahead", live.lookahead, Range::within(0.0, 10.0, "s")),
+                numberField("feedback", live.feedback, Range::within(0.0, 1.0, ""))});
+}
+
 std::vector<Field> runFields(SceneConfig& config) {
   const auto readVisual = [&config](const Value& value) {
     value.fields({required(numberField("step", config.visual_step, limits::kVisualStep)),
@@ -116,6 +127,7 @@ std::vector<Field> runFields(SceneConfig& config) {
           booleanField("weight_compensation", config.weight_compensation),
           {"seed", [&config](const Value& value) { config.seed = value.seed(); }},
           {"view", readView},
+          {"live", [&config](const Value& value) { readLive(value, config.live); }},
           {"linearization", [&config](const Value& value) {
              value.fields({choiceField("derivative", config.derivative, derivativeNames())});
            }}};

@@ -39,7 +39,7 @@ void LockstepRun::runUntil(std::int64_t end) {
 void LockstepRun::visualStepAt(double t, const DeviceState& device) {
   const DeviceTarget target = aimAt(filter_.accept(device), timing_);
   const VisualStepSettings settings = visualSettings(scene_, timing_);
-  const VisualRecord record = isLive(scene_) ? live_.step(scene_.world, loop_.path(), settings, t, last_)
+  const VisualRecord record = isLive(scene_) ? live_.step(scene_.world, loop_.path(), target, settings, t, last_)
                                              : visualStep(scene_.world, target, settings, t, last_);
   last_ = record.model;
   arrivals_.push_back({tick_ + timing_.latency * ticks_per_step_, record.model, nullptr});

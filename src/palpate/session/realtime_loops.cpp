@@ -80,8 +80,9 @@ void RealtimeLoops::stepAt(double now, double lateness, const DeviceState& devic
   VisualStepSettings settings = visualSettings(scene_, timing_);
   settings.substeps = budget_.substeps();
   readPath();
-  VisualRecord record = live() ? live_.step(scene_.world, path_, settings, now, last_)
-                               : visualStep(scene_.world, aimAt(filter_.accept(device), timing_), settings, now, last_);
+  const DeviceTarget target = aimAt(filter_.accept(device), timing_);
+  VisualRecord record = live() ? live_.step(scene_.world, path_, target, settings, now, last_)
+                               : visualStep(scene_.world, target, settings, now, last_);
   budget_.took(record.step.times.total() + record.linearization_s);
   last_ = record.model;
   record.lateness_s = lateness;

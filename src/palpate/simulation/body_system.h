@@ -18,7 +18,8 @@ namespace palpate {
 /// A handle that follows a path instead of being pulled by the link.
 struct FollowedHandle {
   bool on = false;
-  HandleState end;  ///< at the end of the step
+  HandleState end;           ///< at the end of the step
+  double largest_force = 0;  ///< of ToolPath
   /// Of the free nodes, handle's frame, 3 a free node, or empty: displacement that the step makes besides, and what is
   /// added to the velocities at its start. [m], [m/s]
   VecX shift, velocity;

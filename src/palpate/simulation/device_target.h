@@ -1,6 +1,7 @@
 #pragma once
 
 #include <algorithm>
+#include <limits>
 #include <vector>
 
 #include "palpate/math/rotation.h"
@@ -27,6 +28,8 @@ struct ToolPath {
   /// Corrections of the tool's free nodes, handle's frame, 3 a free node, or empty: a displacement that the step makes
   /// besides, and what is added to the velocities at its start. [m], [m/s]
   VecX shift, velocity;
+  /// A tool that resists with more than this is not led through [N].
+  double largest_force = std::numeric_limits<double>::infinity();
 
   /// @param share  of the step, in [0, 1]
   HandleState at(double share) const {

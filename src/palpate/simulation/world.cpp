@@ -238,8 +238,9 @@ StepReport World::stepBodies(const std::vector<int>& moving, const StepInput& in
   return report;
 }
 
-constexpr int kShortest = 16;  // as a part of a step
-constexpr int kGoodParts = 4;  // so many good parts before a longer one is tried
+constexpr int kShortest = 16;          // as a part of a step
+constexpr int kFollowingHalvings = 1;  // before a path is left
+constexpr int kGoodParts = 4;          // so many good parts before a longer one is tried
 // Of the budget: what a try may cost that need not succeed, of the whole step and of a part.
 constexpr double kWholeShare = 1.0, kPartShare = 0.3;
 // an end whose energy is beyond what work explains, by this share of it and this much [J], is not believed
@@ -263,7 +264,9 @@ bool World::tryStep(const StepInput& input, bool whole, bool last, StepReport& r
   for (int i = 0; i < bodies(); ++i) work += workOn(*systems_[i], state_.bodies[i]);
   const double made = energyMade(before, energy_, work);
   const double floor = input.followed.on ? kFollowingFloor : kEnergyFloor;
-  if (!last && made > kEnergyShare * (before + energy_) + floor) {
+  const bool forced = input.followed.on && systems_[tool_]->wrenchOnHandle(state_.bodies[tool_]).head<3>().norm() >
+                                               input.followed.largest_force;
+  if (!last && (forced || made > kEnergyShare * (before + energy_) + floor)) {
     for (const auto& system : systems_) system->retreat();
     std::swap(state_.contacts, contacts_before_);
     energy_ = before;
@@ -274,15 +277,19 @@ bool World::tryStep(const StepInput& input, bool whole, bool last, StepReport& r
 }
 
 // Of the part of a step between two shares of it.
-StepInput World::inputAt(const Way& way, double from, double to) const {
+StepInput World::inputAt(const Way& way, double from, double to, bool pulled) const {
   const double h = (to - from) * way.step;
   if (way.path == nullptr) {
     const DeviceTarget target = to == 1 ? way.to : between(way.from, way.to, to);
     return {h, gravity, saturatedLink(target), target};
   }
-  StepInput input{h, gravity, link, way.to};
+  const HandleState end = way.path->at(to);
+  const DeviceTarget target{end.pose, end.twist};
+  if (pulled) return {h, gravity, saturatedLink(target), target};
+  StepInput input{h, gravity, link, target};
   input.followed.on = true;
-  input.followed.end = way.path->at(to);
+  input.followed.end = end;
+  input.followed.largest_force = way.path->largest_force;
   if (from == 0) {
     input.followed.shift = way.path->shift;
     input.followed.velocity = way.path->velocity;
@@ -295,15 +302,22 @@ StepInput World::inputAt(const Way& way, double from, double to) const {
 void World::stepAlong(const Way& way, double from, double to, StepReport& sum) {
   int done = 0;  // of the shortest parts
   int successes = 0;
+  bool pulled = false;  // instead of following a path
   int& halvings = state_.halvings;
   halvings = std::max(0, halvings - 1);
+  if (way.path != nullptr && halvings > kFollowingHalvings) pulled = true;
   while (done < kShortest) {
     const int length = kShortest >> halvings;
     const auto shareAt = [&](int part) { return part == kShortest ? to : from + (to - from) * part / kShortest; };
     StepReport part;
-    if (!tryStep(inputAt(way, shareAt(done), shareAt(done + length)), length == kShortest, length == 1, part)) {
+    const bool last = length == 1;
+    if (!tryStep(inputAt(way, shareAt(done), shareAt(done + length), pulled), length == kShortest, last, part)) {
       sum.times += part.times;
-      ++halvings;
+      if (way.path != nullptr && !pulled && halvings >= kFollowingHalvings) {
+        pulled = true;
+      } else {
+        ++halvings;
+      }
       successes = 0;
       continue;
     }
@@ -375,12 +389,13 @@ void World::findEnergies(StepReport& report) {
   energy_known_ = true;
 }
 
-void World::nearby(const VecX& tool_positions, double plane_reach, double surface_reach, std::vector<Contact>& out) {
+void World::nearby(const ToolMotion& tool, double plane_reach, double surface_reach, double ahead,
+                   std::vector<Contact>& out) {
   prepare();
   ContactSettings near = contact;
   near.margin = surface_reach;
   for (int i = 0; i < bodies(); ++i) {
-    const VecX& x = i == tool_ ? tool_positions : state_.bodies[i].positions;
+    const VecX& x = i == tool_ ? tool.positions : state_.bodies[i].positions;
     const std::size_t first = out.size();
     models_[i]->contactFinder().find(i, x, x, obstacles, plane_reach, out);
     for (std::size_t k = first; k < out.size(); ++k) {
@@ -388,10 +403,11 @@ void World::nearby(const VecX& tool_positions, double plane_reach, double surfac
     }
     if (!surfaces_.active()) continue;
     surfaces_.setStart(i, x);
-    surfaces_.setEnd(i, x);
+    surfaces_.setEnd(i, x + ahead * (i == tool_ ? tool.speeds : state_.bodies[i].velocities));
   }
   if (!surfaces_.active()) return;
-  surfaces_.allow(std::numeric_limits<double>::infinity());
+  constexpr double kShare = 0.25;
+  surfaces_.allow(kShare * budget.operations);
   surfaces_.find(near, friction_, out);
 }
 

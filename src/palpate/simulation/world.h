@@ -76,8 +76,9 @@ class World {
   /// back where it crosses.
   /// @param parts  equal ones to begin with
   [[nodiscard]] StepReport step(const DeviceTarget& device, double h, int parts = 1);
-  /// As step(), but the tool's handle follows a path instead of being pulled by the link. Contact can stop it; the next
-  /// path then begins where it is.
+  /// As step(), but the tool's handle follows a path instead of being pulled by the link. Where that fails even in
+  /// halves of the step, because the path leads where the scene forbids, the link pulls the handle along the rest of
+  /// it. The next path begins wherever the handle is.
   /// @param path  with at least one point; needs a tool
   [[nodiscard]] StepReport follow(const ToolPath& path, double h, int parts = 1);
   /// As step(), but positions and velocities stay as they were: for a model at the present state. Only a step that
@@ -90,9 +91,15 @@ class World {
   /// @throws RunError if they do not settle: which motion is free, or where they move, with their extents and mass
   double settle(const std::vector<int>& moving, Pose device, const SettleProgress& progress = {});
 
-  /// All that is near now: points against planes within plane_reach, surfaces within surface_reach [m]; appends.
-  /// @param tool_positions  of the tool's nodes, in place of the state's
-  void nearby(const VecX& tool_positions, double plane_reach, double surface_reach, std::vector<Contact>& out);
+  /// What the tool's nodes have besides the state.
+  struct ToolMotion {
+    VecX positions, speeds;  ///< in place of the state's [m], [m/s]
+  };
+  /// All that is near or will be: points against planes within plane_reach [m], surfaces within surface_reach or that
+  /// would meet within a time `ahead` [s] if all went on as they now move. Gaps are those of now. A search that would
+  /// cost too much (a quarter of the budget) ends early. Appends.
+  void nearby(const ToolMotion& tool, double plane_reach, double surface_reach, double ahead,
+              std::vector<Contact>& out);
 
   /// What a contact is with, null: a body.
   const Obstacle* obstacleOf(const Contact& contact) const;
@@ -127,7 +134,7 @@ class World {
   void requireFit(int i, const BodyState& state) const;
   void wasSet(int i);
   StepReport walk(const Way& way, int parts);
-  StepInput inputAt(const Way& way, double from, double to) const;
+  StepInput inputAt(const Way& way, double from, double to, bool pulled) const;
   void stepAlong(const Way& way, double from, double to, StepReport& sum);
   bool tryStep(const StepInput& input, bool whole, bool last, StepReport& report);
   StepReport stepBodies(const std::vector<int>& moving, const StepInput& input, Ending ending, double share = 0.0);

@@ -8,8 +8,9 @@
 namespace palpate {
 namespace {
 
-constexpr double kLongest = 6.0;  // visual steps that a replay may bridge
-constexpr int kMostParts = 4;     // steps in which a long way is made up for
+constexpr double kLongest = 6.0;                // visual steps that a replay may bridge
+constexpr double kStrong = 3.0, kAnyway = 5.0;  // of the link's force, and [N]: with which the handle is led
+constexpr int kMostParts = 4;                   // steps in which a long way is made up for
 
 VecX freeMasses(const BodyModel& tool) {
   VecX mass(3 * tool.freeNodes());
@@ -69,12 +70,16 @@ void LiveVisual::reduce(World& world, const ToolShape& shape, double step, std::
   if (state_.ready) state_.basis = std::move(basis);
 }
 
-VisualRecord LiveVisual::step(World& world, const HandlePath& path, const VisualStepSettings& settings, double time,
-                              const HandleModel& previous) {
+VisualRecord LiveVisual::step(World& world, const HandlePath& path, const DeviceTarget& device,
+                              const VisualStepSettings& settings, double time, const HandleModel& previous) {
   VisualRecord record;
   record.time = time;
   record.model = previous;
-  const ToolPath way = pathSince(path);
+  ToolPath way = pathSince(path);
+  const HandleState& end = way.points.back();
+  way.largest_force =
+      kStrong * linkWrenchOnDevice(world.link, end.pose, end.twist, device.pose, device.twist).head<3>().norm() +
+      kAnyway;
   const double length = tick_ * static_cast<double>(way.points.size() - 1);
   if (length <= 0) return record;
   const int steps = std::clamp(static_cast<int>(std::ceil(length / (1.01 * settings.step))), 1, kMostParts);

@@ -29,8 +29,9 @@ class LiveVisual {
   /// @param index  of the path's point that it belongs to
   void begin(World& world, double step, std::int64_t index, double time);
   /// One visual step, along the path from the last one to its end. Without a new point nothing happens.
-  VisualRecord step(World& world, const HandlePath& path, const VisualStepSettings& settings, double time,
-                    const HandleModel& previous);
+  /// @param device  now; the link to it says how strongly the handle may be led
+  VisualRecord step(World& world, const HandlePath& path, const DeviceTarget& device,
+                    const VisualStepSettings& settings, double time, const HandleModel& previous);
 
   const LiveModel& model() const { return state_.model; }
   const LiveVisualState& state() const { return state_; }
