@@ -69,6 +69,7 @@ MatX stiffness(const World& world) {
 TEST(Reduction, ModesAreThoseOfTheDenseProblem) {
   Pressed scene;
   LiveSettings settings;
+  settings.modes = 8;
   LiveBasis basis;
   const LiveModel model = scene.reduced(settings, basis);
   ASSERT_TRUE(isFinite(model));

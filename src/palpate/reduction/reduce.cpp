@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "palpate/common/parallel.h"
 #include "palpate/math/rotation.h"
 #include "palpate/reduction/partner_compliance.h"
 #include "palpate/reduction/tool_modes.h"
@@ -80,7 +81,7 @@ void ToolReduction::factorize(const World& world, const Input& input, double e, 
     factor_.analyze(a_);
     analyzed_for_ = &tool.model;
   }
-  fem.assemble(1.0, e, elastic_, a_);
+  parallelFor(ElasticMesh::kParts, [&](int part) { fem.assemblePart(part, 1.0, e, elastic_, a_); });
   if (!factor_.factorize(a_)) model.mass = std::numeric_limits<double>::quiet_NaN();
 }
 
@@ -163,7 +164,6 @@ void ToolReduction::addContacts(World& world, const LiveSettings& settings, cons
   model.arm.setZero(3 * m);
   model.damped_force.setZero(3 * m);
   model.contact_force.setZero(3 * m);
-  contact_columns_.setZero(basis.modes.rows(), 3 * m);
   columns_.clear();
   std::vector<std::vector<NodeSum>> partners(static_cast<std::size_t>(world.bodies()));
   for (std::size_t g = 0; g < clusters.size(); ++g) {
@@ -178,10 +178,7 @@ void ToolReduction::addContacts(World& world, const LiveSettings& settings, cons
       for (int k = 0; k < point.count; ++k) {
         const double share = weight * point.weight[k];
         const int row = tool.model.row()[point.node[k]];
-        if (row >= 0) {
-          contact_columns_.block<3, 3>(3 * row, at).diagonal().array() += share;
-          columns_.add(row, share * Mat3::Identity());
-        }
+        if (row >= 0) columns_.add(row, share * Mat3::Identity());
         model.arm.segment<3>(at) += share * positions_.segment<3>(3 * point.node[k]);
       }
     };
@@ -218,7 +215,7 @@ void ToolReduction::addContacts(World& world, const LiveSettings& settings, cons
       partners[static_cast<std::size_t>(first.contact.second.body)].push_back(std::move(partner));
     }
   }
-  model.shape = contact_columns_.transpose() * basis.modes;
+  model.shape = atContacts(basis.modes);
   MatX w(3 * m, 3 * m);
   if (m > 0) factor_.gram(columns_, w);
   w = e * MatX(w.selfadjointView<Eigen::Lower>());
@@ -247,15 +244,25 @@ void ToolReduction::addContacts(World& world, const LiveSettings& settings, cons
   model.compliance = 0.5 * (w + w.transpose());
 }
 
+// J times a field on the free nodes, by columns.
+MatX ToolReduction::atContacts(const MatX& field) const {
+  MatX out = MatX::Zero(3 * columns_.size(), field.cols());
+  for (int c = 0; c < columns_.size(); ++c) {
+    for (int k = columns_.begin[c]; k < columns_.begin[c + 1]; ++k) {
+      out.middleRows<3>(3 * c) += columns_.block[k].transpose() * field.middleRows<3>(3 * columns_.node[k]);
+    }
+  }
+  return out;
+}
+
 // Second differences of the elastic forces along pairs of modes, free rows; handle's frame.
 MatX ToolReduction::secondDifferences(const BodyModel& tool, const LiveBasis& basis, int count) const {
   constexpr double kAmplitude = 3e-4;  // [m], of the node that a mode moves most
   const ElasticMesh& fem = tool.elasticity();
-  ElasticState elastic = elastic_;
-  VecX forces;
   // f(y + d) + f(y - d) - 2 f(y) of the free rows
   const auto bend = [&](const VecX& d) {
-    VecX sum = VecX::Zero(d.size());
+    ElasticState elastic = elastic_;
+    VecX forces, sum = VecX::Zero(d.size());
     for (const double sign : {1.0, -1.0}) {
       VecX x = positions_;
       for (int i = 0; i < tool.freeNodes(); ++i) x.segment<3>(3 * tool.free()[i]) += sign * d.segment<3>(3 * i);
@@ -269,20 +276,28 @@ MatX ToolReduction::secondDifferences(const BodyModel& tool, const LiveBasis& ba
     }
     return sum;
   };
+  std::vector<VecX> way;
+  std::vector<std::pair<int, int>> pairs;
   std::vector<double> scale;
-  for (int i = 0; i < count; ++i) scale.push_back(kAmplitude / basis.modes.col(i).cwiseAbs().maxCoeff());
-  MatX out(basis.modes.rows(), count * (count + 1) / 2);
+  for (int i = 0; i < count; ++i) {
+    scale.push_back(kAmplitude / basis.modes.col(i).cwiseAbs().maxCoeff());
+    way.push_back(scale.back() * basis.modes.col(i));
+    for (int j = i; j < count; ++j) pairs.emplace_back(i, j);
+  }
+  MatX out(basis.modes.rows(), static_cast<Eigen::Index>(pairs.size()));
+  parallelFor(static_cast<int>(pairs.size()), [&](int c) {
+    const auto [i, j] = pairs[static_cast<std::size_t>(c)];
+    out.col(c) = bend(i == j ? way[i] : VecX(way[i] + way[j]));
+  });
   std::vector<VecX> own;
-  for (int i = 0; i < count; ++i) own.push_back(bend(scale[i] * basis.modes.col(i)));
-  for (int i = 0, c = 0; i < count; ++i) {
-    for (int j = i; j < count; ++j, ++c) {
-      if (i == j) {
-        out.col(c) = own[i] / (scale[i] * scale[i]);
-      } else {
-        const VecX both = bend(scale[i] * basis.modes.col(i) + scale[j] * basis.modes.col(j));
-        out.col(c) = (both - own[i] - own[j]) / (2.0 * scale[i] * scale[j]);
-      }
-    }
+  for (std::size_t c = 0; c < pairs.size(); ++c) {
+    if (pairs[c].first == pairs[c].second) own.push_back(out.col(static_cast<Eigen::Index>(c)));
+  }
+  for (std::size_t c = 0; c < pairs.size(); ++c) {
+    const auto [i, j] = pairs[c];
+    auto column = out.col(static_cast<Eigen::Index>(c));
+    if (i != j) column = 0.5 * (column - own[i] - own[j]).eval();
+    column /= scale[i] * scale[j];
   }
   return out;
 }
@@ -303,7 +318,7 @@ void ToolReduction::addCurvature(const World& world, const LiveSettings& setting
   for (int k = 0; k < model.modes(); ++k) {
     response -= basis.modes.col(k) * (modal.row(k) / (model.squared_frequency[k] + 1.0 / e));
   }
-  model.curvature = contact_columns_.transpose() * response;
+  model.curvature = atContacts(response);
 }
 
 LiveModel ToolReduction::reduce(World& world, const LiveSettings& settings, const Input& input, LiveBasis& basis) {

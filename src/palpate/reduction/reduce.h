@@ -49,6 +49,7 @@ class ToolReduction {
                    LiveModel& model);
   void addCurvature(const World& world, const LiveSettings& settings, const LiveBasis& basis, double e,
                     LiveModel& model);
+  MatX atContacts(const MatX& field) const;
   MatX secondDifferences(const BodyModel& tool, const LiveBasis& basis, int count) const;
 
   SparseCholesky factor_;
@@ -58,8 +59,7 @@ class ToolReduction {
   VecX positions_;        // all nodes, world frame turned back into the handle's: R^T (x - p)
   VecX mass_;             // of each free row
   VecX forces_;           // elastic, handle's frame, all nodes
-  BlockColumns columns_;  // the same by the nodes that it acts on
-  MatX contact_columns_;  // J^T, handle's frame
+  BlockColumns columns_;  // J^T, handle's frame, by the free nodes that it acts on
 };
 
 /// lb += h / (beta + h) (R^T lambda - lb), for the contacts that carry force now or did.
