@@ -100,12 +100,14 @@ void ToolReduction::addInertia(const World& world, const Input& input, const Liv
   for (int i = 0; i < tool.model.freeNodes(); ++i) {
     const double m = mass_[3 * i];
     const Vec3 y = basis.places.segment<3>(3 * i);
-    const auto q = basis.modes.middleRows<3>(3 * i);
     model.mass += m;
     model.moment += m * y;
     model.inertia += pointInertia(m, y);
-    model.coupling.topRows<3>() += m * q;
-    model.coupling.bottomRows<3>() += m * skew(y) * q;
+    if (r > 0) {
+      const auto q = basis.modes.middleRows<3>(3 * i);
+      model.coupling.topRows<3>() += m * q;
+      model.coupling.bottomRows<3>() += m * skew(y) * q;
+    }
     // w x (w x y) = w (w . y) - y (w . w)
     auto s = squares.middleRows<3>(3 * i);
     for (int k = 0; k < 3; ++k) {
@@ -124,7 +126,7 @@ void ToolReduction::addInertia(const World& world, const Input& input, const Liv
   for (int k = 0; k < 3; ++k) {
     const Mat3 axis = skew(Vec3::Unit(k));
     model.coriolis_torque[k].setZero(3, r);
-    for (int i = 0; i < tool.model.freeNodes(); ++i) {
+    for (int i = 0; i < tool.model.freeNodes() && r > 0; ++i) {
       const auto q = basis.modes.middleRows<3>(3 * i);
       turned.middleRows<3>(3 * i) = mass_[3 * i] * axis * q;
       model.coriolis_torque[k] += skew(basis.places.segment<3>(3 * i)) * turned.middleRows<3>(3 * i);
@@ -247,6 +249,7 @@ void ToolReduction::addContacts(World& world, const LiveSettings& settings, cons
 // J times a field on the free nodes, by columns.
 MatX ToolReduction::atContacts(const MatX& field) const {
   MatX out = MatX::Zero(3 * columns_.size(), field.cols());
+  if (out.size() == 0) return out;
   for (int c = 0; c < columns_.size(); ++c) {
     for (int k = columns_.begin[c]; k < columns_.begin[c + 1]; ++k) {
       out.middleRows<3>(3 * c) += columns_.block[k].transpose() * field.middleRows<3>(3 * columns_.node[k]);
