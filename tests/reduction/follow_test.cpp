@@ -100,5 +100,38 @@ TEST(Follow, CorrectionsEnterWithTheStep) {
   EXPECT_LT(held.world.tool().state.velocities.cwiseAbs().maxCoeff(), 1e-2);  // not 100 m/s: it is no motion
 }
 
+// What was prepared in the handle's frame gives the step that the world's frame gives: pressed on the ground, with a
+// shift, while the handle turns.
+TEST(Follow, APreparedStepIsTheSame) {
+  Held held(0.002);
+  Vec6 twist;
+  twist << 0, 0, -0.15, 0, 0, 0;
+  for (int k = 0; k < 3; ++k) {
+    ASSERT_EQ(held.world.follow(straight(held.world.tool().state.handle.pose, twist, kStep), kStep).status,
+              StepStatus::ok);
+  }
+  twist << 0.02, -0.01, 0, 0.2, 0.1, -0.6;
+  const BodyModel& tool = held.world.tool().model;
+  for (int k = 0; k < 4; ++k) {
+    ToolPath path = straight(held.world.tool().state.handle.pose, twist, kStep);
+    path.shift = VecX::Constant(3 * tool.freeNodes(), k * 1e-4);
+    const WorldState start = held.world.state();
+    VecX places = tool.placesInHandle(start.bodies[0]);
+    for (const int n : tool.free()) places.segment<3>(3 * n) += Vec3::Constant(k * 1e-4);
+    held.world.restore(start);  // nothing is prepared
+    ASSERT_EQ(held.world.follow(path, kStep).status, StepStatus::ok);
+    const VecX expected = held.world.tool().state.positions;
+    const Vec6 wrench = held.world.tool().system.wrenchOnHandle(held.world.tool().state);
+    held.world.restore(start);
+    ASSERT_TRUE(held.world.tool().system.prepareFollowing(places, start.bodies[0], kStep));
+    const StepReport report = held.world.follow(path, kStep);
+    EXPECT_TRUE(held.world.tool().system.prepared().ready) << "it was not used";
+    EXPECT_EQ(report.status, StepStatus::ok);
+    EXPECT_GT(report.active, 0);
+    EXPECT_LT((held.world.tool().state.positions - expected).norm(), 1e-9);
+    EXPECT_LT((held.world.tool().system.wrenchOnHandle(held.world.tool().state) - wrench).norm(), 1e-6);
+  }
+}
+
 }  // namespace
 }  // namespace palpate

@@ -33,13 +33,6 @@ double segmentDistance(const Vec3& d1, const Vec3& d2, const Vec3& r, double s, 
 
 }  // namespace
 
-double closestOnSegment(const Vec3& p, const Vec3& a, const Vec3& b) {
-  const Vec3 d = b - a;
-  const double length2 = d.squaredNorm();
-  if (!(length2 > 0)) return 0;
-  return std::clamp(d.dot(p - a) / length2, 0.0, 1.0);
-}
-
 TrianglePoint closestOnTriangle(const Vec3& p, const Vec3& a, const Vec3& b, const Vec3& c) {
   // Everything in the triangle's plane, from the Gram matrix of its edges at a: the plane's weights, unless one of them
   // is negative; then the nearest point is on the outline.

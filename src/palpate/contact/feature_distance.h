@@ -2,6 +2,7 @@
 
 #include <array>
 
+#include "palpate/math/segment.h"
 #include "palpate/math/types.h"
 
 namespace palpate {
@@ -21,9 +22,6 @@ struct SegmentPair {
 
 /// Closest point of triangle abc to p. A triangle without area is taken as its longest edges.
 TrianglePoint closestOnTriangle(const Vec3& p, const Vec3& a, const Vec3& b, const Vec3& c);
-
-/// Parameter in [0, 1] of the point of segment ab that is closest to p; 0 for a segment without length.
-double closestOnSegment(const Vec3& p, const Vec3& a, const Vec3& b);
 
 /// Closest points of two segments. Parallel segments give a pair with an end point, one of many that are as near.
 SegmentPair closestOnSegments(const Vec3& a0, const Vec3& a1, const Vec3& b0, const Vec3& b1);

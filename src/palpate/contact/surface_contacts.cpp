@@ -513,34 +513,45 @@ void SurfaceContacts::findOverlapping(const ContactSettings& settings, const Fri
   }
 }
 
-void SurfaceContacts::find(const ContactSettings& settings, const FrictionTable& friction, std::vector<Contact>& out) {
-  const double reach = settings.surfaceReach();
+void SurfaceContacts::find(const ContactSettings& settings, const FrictionTable& friction, std::vector<Contact>& out,
+                           int body) {
+  const auto wanted = [&](const Item& item) { return body < 0 || item.body == body; };
   for (Item& item : items_) refit(item);
   for (std::size_t b = 0; b < items_.size(); ++b) {
     if (items_[b].self) {
-      found_.clear();
       items_[b].front.moved(relativeMotion(items_[b].moved, items_[b].moved));
-      finder_.findSelf(items_[b].surface, items_[b].exclusion, reach, found_, &items_[b].front);
-      const double mu = friction(id(items_[b]), id(items_[b]));
-      keepDependable();
-      std::erase_if(found_, [&](const FeaturePair& p) { return inTangle(items_[b], p); });
-      for (const FeaturePair& p : found_) add(b, b, p, settings, mu, false, out);
+      if (wanted(items_[b])) findSelf(b, settings, friction, out);
     }
     for (std::size_t a = 0; a < b; ++a) {
       if (items_[a].body < 0 && items_[b].body < 0) continue;
       // the first one moves
       const std::size_t first = items_[a].body < 0 ? b : a;
       const std::size_t second = first == a ? b : a;
-      PairState& state = pair(a, b);
-      found_.clear();
-      state.front.moved(relativeMotion(items_[first].moved, items_[second].moved));
-      finder_.find(items_[first].surface, items_[second].surface, reach, found_, &state.front);
-      keepDependable();
-      const double mu = friction(id(items_[first]), id(items_[second]));
-      for (const FeaturePair& p : found_) add(first, second, p, settings, mu, !state.points.empty(), out);
+      pair(a, b).front.moved(relativeMotion(items_[first].moved, items_[second].moved));
+      if (wanted(items_[a]) || wanted(items_[b])) findPair(first, second, pair(a, b), settings, friction, out);
     }
   }
   for (Item& item : items_) item.moved = {};
+}
+
+void SurfaceContacts::findSelf(std::size_t i, const ContactSettings& settings, const FrictionTable& friction,
+                               std::vector<Contact>& out) {
+  Item& item = items_[i];
+  found_.clear();
+  finder_.findSelf(item.surface, item.exclusion, settings.surfaceReach(), found_, &item.front);
+  const double mu = friction(id(item), id(item));
+  keepDependable();
+  std::erase_if(found_, [&](const FeaturePair& p) { return inTangle(item, p); });
+  for (const FeaturePair& p : found_) add(i, i, p, settings, mu, false, out);
+}
+
+void SurfaceContacts::findPair(std::size_t first, std::size_t second, PairState& state, const ContactSettings& settings,
+                               const FrictionTable& friction, std::vector<Contact>& out) {
+  found_.clear();
+  finder_.find(items_[first].surface, items_[second].surface, settings.surfaceReach(), found_, &state.front);
+  keepDependable();
+  const double mu = friction(id(items_[first]), id(items_[second]));
+  for (const FeaturePair& p : found_) add(first, second, p, settings, mu, !state.points.empty(), out);
 }
 
 }  // namespace palpate

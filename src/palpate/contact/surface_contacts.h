@@ -55,7 +55,8 @@ class SurfaceContacts {
   void restore(const SurfaceContactsState& state);
 
   /// Candidates along the motion from the present start to the present end; appends.
-  void find(const ContactSettings& settings, const FrictionTable& friction, std::vector<Contact>& out);
+  /// @param body  of this one only; -1: of all
+  void find(const ContactSettings& settings, const FrictionTable& friction, std::vector<Contact>& out, int body = -1);
   /// What searches from now on may cost together, and what they did [floating-point operations, about].
   void allow(double operations) { finder_.allow(operations / kOperations); }
   double operations() const { return kOperations * finder_.tested(); }
@@ -110,6 +111,10 @@ class SurfaceContacts {
   static bool facesOutward(const Item& a, const Item& b, const FeaturePair& pair);
   static ContactPoint point(const Item& item, const std::array<int, 3>& vertex, const std::array<double, 3>& weight);
   static void shift(const Item& item, int vertex, const Vec3& offset, ContactPoint& point);
+  void findSelf(std::size_t i, const ContactSettings& settings, const FrictionTable& friction,
+                std::vector<Contact>& out);
+  void findPair(std::size_t first, std::size_t second, PairState& state, const ContactSettings& settings,
+                const FrictionTable& friction, std::vector<Contact>& out);
   void add(std::size_t ia, std::size_t ib, const FeaturePair& pair, const ContactSettings& settings, double mu,
            bool overlapping, std::vector<Contact>& out);
   void keepDependable();

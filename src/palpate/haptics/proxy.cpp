@@ -1,10 +1,9 @@
 #include "palpate/haptics/proxy.h"
 
 #include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
-#include <Eigen/LU>
 
 #include "palpate/common/error.h"
+#include "palpate/math/decompositions.h"
 
 namespace palpate {
 namespace {
@@ -33,16 +32,14 @@ Mat6 withRotationColumns(const Mat6& stiffness, const Mat3& derivative) {
 }
 
 bool isDefinite(const Mat6& matrix, const Mat6& mass) {
-  const Eigen::Matrix<double, 6, 6> margin = 0.5 * (matrix + matrix.transpose()) - kDefiniteness * mass;
-  return Eigen::LLT<Eigen::Matrix<double, 6, 6>>(margin).info() == Eigen::Success;
+  return isPositiveDefinite(0.5 * (matrix + matrix.transpose()) - kDefiniteness * mass);
 }
 
 /// Without the positive eigenvalues of the symmetric part; what is left takes energy out or turns it sideways.
 Mat6 passivePart(const Mat6& derivative) {
-  const Eigen::Matrix<double, 6, 6> symmetric = 0.5 * (derivative + derivative.transpose());
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix<double, 6, 6>> eigen(symmetric);
-  const Vec6 active = eigen.eigenvalues().cwiseMax(0.0);
-  return derivative - eigen.eigenvectors() * active.asDiagonal() * eigen.eigenvectors().transpose();
+  const SymmetricEigen6 eigen = symmetricEigen(Mat6(0.5 * (derivative + derivative.transpose())));
+  const Vec6 active = eigen.values.cwiseMax(0.0);
+  return derivative - eigen.vectors * active.asDiagonal() * eigen.vectors.transpose();
 }
 
 void requirePositive(double value, const char* key) {
@@ -148,9 +145,8 @@ Vec6 HandleProxy::solve(const Parts& parts, double dt, TickFlags& flags) const n
     matrix = passive + gyroscopic - derivative;
     if (!isDefinite(matrix, mass)) matrix = passive - derivative;
   }
-  const Eigen::Matrix<double, 6, 6> system = matrix;
   const Vec6 rhs = parts.scale.cwiseProduct(parts.rhs);
-  return parts.scale.cwiseProduct(Vec6(system.partialPivLu().solve(rhs)));
+  return parts.scale.cwiseProduct(palpate::solve(matrix, rhs));
 }
 
 TickFlags HandleProxy::step(const HandleModel* model, const LinkParameters& link, const DeviceState& device,

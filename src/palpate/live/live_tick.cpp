@@ -4,6 +4,7 @@
 #include <algorithm>
 
 #include "palpate/math/rotation.h"
+#include "palpate/math/segment.h"
 
 namespace palpate {
 namespace {
@@ -18,10 +19,7 @@ struct Touch {
 Touch touch(const LiveSurface& surface, const Vec3& x) {
   if (surface.kind == LiveSurface::Kind::plane)
     return {surface.normal.dot(x - surface.a) - surface.offset, surface.normal};
-  const Vec3 axis = surface.b - surface.a;
-  const double squared = axis.squaredNorm();
-  const double along = squared > 0 ? std::clamp(axis.dot(x - surface.a) / squared, 0.0, 1.0) : 0.0;
-  const Vec3 out = x - (surface.a + along * axis);
+  const Vec3 out = x - (surface.a + closestOnSegment(x, surface.a, surface.b) * (surface.b - surface.a));
   const double distance = out.norm();
   const Vec3 normal = distance > 1e-9 ? Vec3(out / distance) : surface.normal;
   return {distance - surface.offset, normal};
@@ -237,6 +235,13 @@ bool LiveTick::replayTo(std::int64_t index, int most, const LiveModel& model, do
     replay(model, dt, gravity, path[state.index], path[state.index + 1], state);
   }
   return true;
+}
+
+bool LiveTick::replayAll(std::int64_t index, const LiveModel& model, double dt, const Vec3& gravity,
+                         const HandlePath& path, LiveState& state) noexcept {
+  state = startState(model);
+  return replayTo(index, static_cast<int>(HandlePath::kCapacity), model, dt, gravity, path, state) &&
+         state.index == index;
 }
 
 double liveEnergy(const LiveModel& model, const LiveState& state, const Pose& pose, const Vec6& twist,

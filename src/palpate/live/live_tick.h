@@ -38,6 +38,9 @@ class LiveTick {
   /// Along the path up to an index, by at most so many ticks. @returns false if the path does not hold them
   bool replayTo(std::int64_t index, int most, const LiveModel& model, double dt, const Vec3& gravity,
                 const HandlePath& path, LiveState& state) noexcept;
+  /// From the model's start up to an index. @returns false if the path does not hold the whole way
+  bool replayAll(std::int64_t index, const LiveModel& model, double dt, const Vec3& gravity, const HandlePath& path,
+                 LiveState& state) noexcept;
 
  private:
   using Unknowns = BoundedVector<LiveSize::kUnknowns>;

@@ -7,7 +7,6 @@ namespace palpate {
 namespace {
 
 constexpr double kAlike = 0.7;          // cosine of the normals within a cluster
-constexpr double kSurfaceReach = 1e-3;  // [m]
 constexpr double kFarthest = 0.03;      // that a surface is followed ahead [m]
 
 Contact turnedAround(Contact c) {
@@ -39,7 +38,7 @@ std::vector<TouchPoint> findTouchPoints(World& world, const VecX& positions, con
   }
   const double ahead = lookahead * fastest > kFarthest ? kFarthest / fastest : lookahead;
   std::vector<Contact> near;
-  world.nearby({positions, speeds}, margin + lookahead * fastest, kSurfaceReach, ahead, near);
+  world.nearby({positions, speeds}, margin + lookahead * fastest, ahead, near);
 
   // each force belongs to the nearest of the contacts that it may be of
   std::sort(near.begin(), near.end(),

@@ -6,7 +6,7 @@ namespace palpate {
 struct LiveSettings {
   int modes = 12;            ///< r, at most LiveSize::kModes
   int contacts = 16;         ///< at most LiveSize::kContacts
-  int second_order = 2;      ///< q, at most LiveSize::kSecond
+  int second_order = 0;      ///< q, at most LiveSize::kSecond
   double horizon = 0.033;    ///< H is this or the visual step, whichever is longer [s]
   double margin = 0.005;     ///< what is nearer than this, or will be, becomes a contact [m]
   double lookahead = 0.066;  ///< for that long as it now moves [s]

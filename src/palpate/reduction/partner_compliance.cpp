@@ -1,6 +1,6 @@
 #include "palpate/reduction/partner_compliance.h"
 
-#include <Eigen/Cholesky>
+#include "palpate/math/decompositions.h"
 
 namespace palpate {
 namespace {
@@ -53,7 +53,7 @@ void addPartnerCompliance(World& world, int body, const std::vector<NodeSum>& su
   if (ties > 0) {
     MatX tied = w.bottomRightCorner(ties, ties);
     tied.diagonal().array() += 1e-6 * tied.diagonal().mean();
-    own -= w.topRightCorner(m, ties) * tied.ldlt().solve(w.bottomLeftCorner(ties, m));
+    own -= w.topRightCorner(m, ties) * solveSymmetric(tied, w.bottomLeftCorner(ties, m));
   }
   // impulse to velocity becomes force to displacement: in a step dx = h dv, dlambda = h df, and c = h (h + beta)
   own *= system.stiffnessScale();

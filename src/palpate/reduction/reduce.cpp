@@ -1,11 +1,12 @@
 #include "palpate/reduction/reduce.h"
 
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 
 #include "palpate/common/parallel.h"
+#include "palpate/math/decompositions.h"
 #include "palpate/math/rotation.h"
+#include "palpate/math/segment.h"
 #include "palpate/reduction/partner_compliance.h"
 #include "palpate/reduction/tool_modes.h"
 
@@ -20,11 +21,7 @@ Mat6 pointInertia(double mass, const Vec3& place) {
   return mass * g.transpose() * g;
 }
 
-double distanceToSegment(const Vec3& p, const Vec3& a, const Vec3& b) {
-  const double squared = (b - a).squaredNorm();
-  const double along = squared > 0 ? std::clamp((b - a).dot(p - a) / squared, 0.0, 1.0) : 0.0;
-  return (p - a - along * (b - a)).norm();
-}
+double horizonOf(const LiveSettings& settings, double step) { return std::max(settings.horizon, step); }
 
 // Spheres and capsules give their normals anew in each tick. Their gap at this place is the contact's, whose surface is
 // of triangles and keeps its distance.
@@ -38,7 +35,8 @@ void setRound(const Obstacle& obstacle, const Vec3& place, double gap, LiveSurfa
     return;
   }
   surface.kind = LiveSurface::Kind::capsule;
-  surface.offset = distanceToSegment(place, surface.a, surface.b) - gap;
+  const double along = closestOnSegment(place, surface.a, surface.b);
+  surface.offset = (place - surface.a - along * (surface.b - surface.a)).norm() - gap;
 }
 
 }  // namespace
@@ -58,31 +56,39 @@ ToolShape toolShape(const World& world) {
   return shape;
 }
 
-// Everything in the handle's frame: the elastic forces turn with the tool.
-void ToolReduction::factorize(const World& world, const Input& input, double e, LiveModel& model) {
+VecX freeMasses(const BodyModel& tool) {
+  VecX mass(3 * tool.freeNodes());
+  for (int r = 0; r < tool.freeNodes(); ++r) {
+    mass.segment<3>(3 * r).setConstant(tool.elasticity().mass()[tool.free()[r]]);
+  }
+  return mass;
+}
+
+// Everything in the handle's frame: the elastic forces turn with the tool. The tool's system keeps what the next step
+// can use.
+bool ToolReduction::prepare(World& world, const LiveSettings& settings, const ToolShape& shape, double step) {
   const Body tool = world.tool();
-  const ElasticMesh& fem = tool.model.elasticity();
-  positions_.resize(3 * tool.model.nodes());
-  mass_.resize(3 * tool.model.freeNodes());
+  VecX places = tool.model.placesInHandle(tool.state);
   for (int r = 0; r < tool.model.freeNodes(); ++r) {
-    positions_.segment<3>(3 * tool.model.free()[r]) = input.shape.places.segment<3>(3 * r);
-    mass_.segment<3>(3 * r).setConstant(fem.mass()[tool.model.free()[r]]);
+    places.segment<3>(3 * tool.model.free()[r]) = shape.places.segment<3>(3 * r);
   }
-  const Handle& handle = tool.model.handle();
-  for (std::size_t k = 0; k < handle.nodes.size(); ++k) positions_.segment<3>(3 * handle.nodes[k]) = handle.offsets[k];
-  const Mat3 rt = tool.state.handle.pose.matrix().transpose();
-  elastic_ = tool.state.elastic;
-  for (Mat3& rotation : elastic_.rotations) rotation = (rt * rotation).eval();
-  fem.updateRotations(positions_, elastic_);
-  fem.forces(positions_, elastic_, forces_);
-  model.elastic_energy = fem.energy(positions_, elastic_);
-  if (analyzed_for_ != &tool.model) {
-    a_ = tool.model.pattern();
-    factor_.analyze(a_);
-    analyzed_for_ = &tool.model;
-  }
-  parallelFor(ElasticMesh::kParts, [&](int part) { fem.assemblePart(part, 1.0, e, elastic_, a_); });
-  if (!factor_.factorize(a_)) model.mass = std::numeric_limits<double>::quiet_NaN();
+  return tool.system.prepareFollowing(places, tool.state, horizonOf(settings, step));
+}
+
+bool ToolReduction::factorize(World& world, const LiveSettings& settings, const Input& input, LiveModel& model) {
+  if (!prepare(world, settings, input.shape, input.step)) return false;
+  const Body tool = world.tool();
+  const Material& material = tool.model.elasticity().material();
+  const PreparedFollowing& prepared = tool.system.prepared();
+  mass_scale_ = 1.0 + prepared.step * material.damping_alpha;
+  e_ = prepared.step * (prepared.step + material.damping_beta);
+  mass_ = freeMasses(tool.model);
+  factor_ = &tool.system.factor();
+  positions_ = prepared.elastic.x;
+  model.elastic_energy = prepared.energy;
+  forces_ = prepared.elastic.forces;
+  elastic_ = {prepared.elastic.rotations, tool.state.elastic.stiffness_scale};
+  return true;
 }
 
 void ToolReduction::addInertia(const World& world, const Input& input, const LiveBasis& basis, LiveModel& model) const {
@@ -142,7 +148,7 @@ void ToolReduction::addInertia(const World& world, const Input& input, const Liv
 }
 
 void ToolReduction::addContacts(World& world, const LiveSettings& settings, const Input& input, const LiveBasis& basis,
-                                double e, LiveModel& model) {
+                                LiveModel& model) {
   const Body tool = world.tool();
   const Pose& pose = tool.state.handle.pose;
   const Mat3 rotation = pose.matrix(), rt = rotation.transpose();
@@ -219,10 +225,10 @@ void ToolReduction::addContacts(World& world, const LiveSettings& settings, cons
   }
   model.shape = atContacts(basis.modes);
   MatX w(3 * m, 3 * m);
-  if (m > 0) factor_.gram(columns_, w);
-  w = e * MatX(w.selfadjointView<Eigen::Lower>());
+  if (m > 0) factor_->gram(columns_, w);
+  w = e_ * MatX(w.selfadjointView<Eigen::Lower>());
   for (Eigen::Index k = 0; k < r; ++k) {
-    w -= model.shape.col(k) * model.shape.col(k).transpose() / (model.squared_frequency[k] + 1.0 / e);
+    w -= model.shape.col(k) * model.shape.col(k).transpose() / (model.squared_frequency[k] + mass_scale_ / e_);
   }
   model.tool_compliance = w;
   model.partners_yield = false;
@@ -239,9 +245,9 @@ void ToolReduction::addContacts(World& world, const LiveSettings& settings, cons
     }
   }
   if (m > 0) {
-    const Eigen::SelfAdjointEigenSolver<MatX> eigen(0.5 * (w + w.transpose()));
-    w = eigen.eigenvectors() * eigen.eigenvalues().cwiseMax(kLeastCompliance).asDiagonal() *
-        eigen.eigenvectors().transpose();
+    const SymmetricEigen eigen = symmetricEigen(MatX(0.5 * (w + w.transpose())));
+    const MatX scaled = eigen.vectors * eigen.values.cwiseMax(kLeastCompliance).asDiagonal();
+    w = scaled * eigen.vectors.transpose();
   }
   model.compliance = 0.5 * (w + w.transpose());
 }
@@ -305,7 +311,7 @@ MatX ToolReduction::secondDifferences(const BodyModel& tool, const LiveBasis& ba
   return out;
 }
 
-void ToolReduction::addCurvature(const World& world, const LiveSettings& settings, const LiveBasis& basis, double e,
+void ToolReduction::addCurvature(const World& world, const LiveSettings& settings, const LiveBasis& basis,
                                  LiveModel& model) {
   const int count = std::min({settings.second_order, LiveSize::kSecond, model.modes()});
   model.second = model.contacts > 0 ? std::max(count, 0) : 0;
@@ -315,11 +321,11 @@ void ToolReduction::addCurvature(const World& world, const LiveSettings& setting
   }
   const MatX forces = secondDifferences(world.tool().model, basis, model.second);
   MatX response = forces;
-  factor_.solve(response);
-  response *= e;
+  factor_->solve(response);
+  response *= e_;
   const MatX modal = basis.modes.transpose() * forces;
   for (int k = 0; k < model.modes(); ++k) {
-    response -= basis.modes.col(k) * (modal.row(k) / (model.squared_frequency[k] + 1.0 / e));
+    response -= basis.modes.col(k) * (modal.row(k) / (model.squared_frequency[k] + mass_scale_ / e_));
   }
   model.curvature = atContacts(response);
 }
@@ -327,8 +333,6 @@ void ToolReduction::addCurvature(const World& world, const LiveSettings& setting
 LiveModel ToolReduction::reduce(World& world, const LiveSettings& settings, const Input& input, LiveBasis& basis) {
   const Body tool = world.tool();
   const Material& material = tool.model.elasticity().material();
-  const double horizon = std::max(settings.horizon, input.step);
-  const double e = horizon * (horizon + material.damping_beta);
   LiveModel model;
   model.pose = tool.state.handle.pose;
   model.twist = tool.state.handle.twist;
@@ -336,17 +340,20 @@ LiveModel ToolReduction::reduce(World& world, const LiveSettings& settings, cons
   model.beta = material.damping_beta;
   const FrictionCone& cone = world.contact.cone;
   model.facets = cone.exact || cone.facets > LiveModel::kFacets ? 0 : cone.facets;
-  factorize(world, input, e, model);
-  if (!std::isfinite(model.mass)) return model;
-  const ToolModes modes = findModes(factor_, mass_, input.start, std::clamp(settings.modes, 0, LiveSize::kModes), e);
+  if (!factorize(world, settings, input, model)) {
+    model.mass = std::numeric_limits<double>::quiet_NaN();
+    return model;
+  }
+  const ToolModes modes =
+      findModes(*factor_, mass_, input.start, std::clamp(settings.modes, 0, LiveSize::kModes), mass_scale_, e_);
   // what the subspace iteration has beyond the wanted modes only helps it on
   const Eigen::Index r = std::min<Eigen::Index>(std::clamp(settings.modes, 0, LiveSize::kModes), modes.shapes.cols());
   basis.modes = modes.shapes.leftCols(r);
   basis.places = input.shape.places;
   model.squared_frequency = modes.squared_frequency.head(r);
   addInertia(world, input, basis, model);
-  addContacts(world, settings, input, basis, e, model);
-  addCurvature(world, settings, basis, e, model);
+  addContacts(world, settings, input, basis, model);
+  addCurvature(world, settings, basis, model);
   return model;
 }
 

@@ -17,6 +17,8 @@ struct ToolShape {
   VecX places, speeds;  ///< R^T (x - p) [m]; R^T (v - u_p) - w x place [m/s]
 };
 ToolShape toolShape(const World& world);
+/// Mass of each coordinate of the free nodes [kg].
+VecX freeMasses(const BodyModel& tool);
 
 /// What a model was made of; projects later states of the same tool on its modes.
 struct LiveBasis {
@@ -41,22 +43,23 @@ class ToolReduction {
   };
   /// @returns the model; its index and time are the caller's. Not finite where the tool has no factor.
   LiveModel reduce(World& world, const LiveSettings& settings, const Input& input, LiveBasis& basis);
+  /// What reduce() leaves in the tool's system for the next step, once more: for a world that was restored.
+  /// @param step  of the visual loop [s]
+  static bool prepare(World& world, const LiveSettings& settings, const ToolShape& shape, double step);
 
  private:
-  void factorize(const World& world, const Input& input, double e, LiveModel& model);
+  bool factorize(World& world, const LiveSettings& settings, const Input& input, LiveModel& model);
   void addInertia(const World& world, const Input& input, const LiveBasis& basis, LiveModel& model) const;
-  void addContacts(World& world, const LiveSettings& settings, const Input& input, const LiveBasis& basis, double e,
+  void addContacts(World& world, const LiveSettings& settings, const Input& input, const LiveBasis& basis,
                    LiveModel& model);
-  void addCurvature(const World& world, const LiveSettings& settings, const LiveBasis& basis, double e,
-                    LiveModel& model);
+  void addCurvature(const World& world, const LiveSettings& settings, const LiveBasis& basis, LiveModel& model);
   MatX atContacts(const MatX& field) const;
   MatX secondDifferences(const BodyModel& tool, const LiveBasis& basis, int count) const;
 
-  SparseCholesky factor_;
-  const void* analyzed_for_ = nullptr;
-  SymmetricBlockMatrix a_;
+  SparseCholesky* factor_ = nullptr;  // of A_H = mass_scale_ M + e_ K, the tool's
+  double mass_scale_ = 1, e_ = 0;
   ElasticState elastic_;
-  VecX positions_;        // all nodes, world frame turned back into the handle's: R^T (x - p)
+  VecX positions_;        // all nodes, handle's frame: R^T (x - p)
   VecX mass_;             // of each free row
   VecX forces_;           // elastic, handle's frame, all nodes
   BlockColumns columns_;  // J^T, handle's frame, by the free nodes that it acts on

@@ -1,8 +1,9 @@
 #include "palpate/reduction/tool_modes.h"
 
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
+
+#include "palpate/math/decompositions.h"
 
 namespace palpate {
 namespace {
@@ -26,7 +27,7 @@ MatX firstBasis(Eigen::Index rows, Eigen::Index columns) {
 
 }  // namespace
 
-ToolModes findModes(SparseCholesky& factor, const VecX& mass, const MatX& start, int count, double e) {
+ToolModes findModes(SparseCholesky& factor, const VecX& mass, const MatX& start, int count, double s, double e) {
   const Eigen::Index rows = mass.size();
   const Eigen::Index wanted = std::min<Eigen::Index>(count, rows);
   const Eigen::Index columns = std::min<Eigen::Index>(wanted + kGuard, rows);
@@ -44,9 +45,9 @@ ToolModes findModes(SparseCholesky& factor, const VecX& mass, const MatX& start,
     MatX m = y.transpose() * (mass.asDiagonal() * y);
     a = 0.5 * (a + a.transpose()).eval();
     m = 0.5 * (m + m.transpose()).eval();
-    const Eigen::GeneralizedSelfAdjointEigenSolver<MatX> ritz(a, m);
-    x = y * ritz.eigenvectors();
-    modes.squared_frequency = ((ritz.eigenvalues().array() - 1.0) / e).max(kLeast).matrix();
+    const SymmetricEigen ritz = symmetricEigen(a, m);
+    x = y * ritz.vectors;
+    modes.squared_frequency = ((ritz.values.array() - s) / e).max(kLeast).matrix();
   }
   modes.shapes = x;
   return modes;

@@ -53,9 +53,8 @@ void LockstepRun::visualStepAt(double t, const DeviceState& device) {
 void LockstepRun::arrive(const ModelArrival& arrival) {
   newest_ = arrival.model;
   if (!arrival.live) return;
-  LiveUpdate update{*arrival.live, startState(*arrival.live)};
-  replay_.replayTo(tick_, static_cast<int>(HandlePath::kCapacity), update.model, timing_.haptic_step,
-                   scene_.world.gravity, loop_.path(), update.state);
+  LiveUpdate update{*arrival.live, {}};
+  replay_.replayAll(tick_, update.model, timing_.haptic_step, scene_.world.gravity, loop_.path(), update.state);
   loop_.offer(update);
 }
 

@@ -50,9 +50,8 @@ void RealtimeLoops::readPath() {
 // Replayed as far as the path is known; the haptic loop does the rest.
 void RealtimeLoops::sendLive() {
   readPath();
-  LiveUpdate update{live_.model(), startState(live_.model())};
-  replay_.replayTo(path_.end() - 1, static_cast<int>(HandlePath::kCapacity), update.model, timing_.haptic_step,
-                   scene_.world.gravity, path_, update.state);
+  LiveUpdate update{live_.model(), {}};
+  replay_.replayAll(path_.end() - 1, update.model, timing_.haptic_step, scene_.world.gravity, path_, update.state);
   lives_.write(update);
 }
 

@@ -135,6 +135,18 @@ void BodyModel::setHandle(const HandleState& handle, BodyState& state) const {
   }
 }
 
+VecX BodyModel::placesInHandle(const BodyState& state) const {
+  const Mat3 rt = state.handle.pose.matrix().transpose();
+  VecX places(3 * nodes());
+  for (const int i : free_) {
+    places.segment<3>(3 * i) = rt * (state.positions.segment<3>(3 * i) - state.handle.pose.position);
+  }
+  for (std::size_t k = 0; k < handle_->nodes.size(); ++k) {
+    places.segment<3>(3 * handle_->nodes[k]) = handle_->offsets[k];
+  }
+  return places;
+}
+
 double BodyModel::kineticEnergy(const BodyState& state) const {
   double sum = 0;
   for (int i = 0; i < nodes(); ++i) {

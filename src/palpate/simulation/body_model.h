@@ -60,6 +60,8 @@ class BodyModel {
   BodyState startState() const;
   /// Gives the handle a pose and a twist, and its nodes with it.
   void setHandle(const HandleState& handle, BodyState& state) const;
+  /// R^T (x - p) of all nodes, of a framed body; attached ones have their offsets [m].
+  VecX placesInHandle(const BodyState& state) const;
   double kineticEnergy(const BodyState& state) const;  ///< [J]
 
  private:

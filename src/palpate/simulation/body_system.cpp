@@ -1,6 +1,5 @@
 #include "palpate/simulation/body_system.h"
 
-#include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
 #include <numeric>
@@ -9,9 +8,23 @@
 #include "palpate/common/parallel.h"
 #include "palpate/contact/contact_rows.h"
 #include "palpate/linear/triangular_solve.h"
+#include "palpate/math/decompositions.h"
 #include "palpate/math/rotation.h"
 
 namespace palpate {
+
+namespace {
+
+// Each node's three rows.
+template <typename Columns>
+void turnBlocks(const Mat3& turn, Columns& columns) {
+  for (double *x = columns.data(), *end = x + columns.size(); x != end; x += 3) {
+    Eigen::Map<Vec3> node(x);
+    node = (turn * node).eval();
+  }
+}
+
+}  // namespace
 
 BodySystem::BodySystem(const BodyModel& model) : model_(&model), a_(model.pattern()) {
   trailing_.assign(model.nodes(), -1);
@@ -27,8 +40,11 @@ void BodySystem::assemble(const StepInput& input, BodyState& state) {
   v0_ = start_velocities_ = state.velocities;
   start_ = state.handle;
   if (follows()) moveRigidly();
+  turned_ = follows() && prepared_.ready && prepared_.step == h && prepared_.elastic.isFor(places_);
   const VecX& x = follows() ? moved_ : x0_;
-  if (ahead_.isFor(x)) {
+  if (turned_) {
+    takePrepared();
+  } else if (ahead_.isFor(x)) {
     state.elastic.rotations.swap(ahead_.rotations);
     f_.swap(ahead_.forces);
   } else {
@@ -38,6 +54,11 @@ void BodySystem::assemble(const StepInput& input, BodyState& state) {
   ahead_.clear();
   tension_.clear();
   if (input.tension) fem.tensionFactors(x0_, state.elastic, h * h / c_, tension_);
+  if (turned_) {
+    assembleRightSides();
+    return;
+  }
+  prepared_.ready = false;
   parallelFor(ElasticMesh::kParts + 1, [&](int i) {
     if (i == 0) {
       assembleRightSides();
@@ -47,27 +68,77 @@ void BodySystem::assemble(const StepInput& input, BodyState& state) {
   });
 }
 
+bool BodySystem::prepareFollowing(const VecX& places, const BodyState& state, double step) {
+  const ElasticMesh& fem = model_->elasticity();
+  ElasticState elastic = state.elastic;
+  const Mat3 rt = state.handle.pose.matrix().transpose();
+  for (Mat3& rotation : elastic.rotations) rotation = (rt * rotation).eval();
+  prepared_.energy = fem.energyAt(places, elastic, prepared_.elastic);
+  prepared_.step = step;
+  prepared_.ready = false;
+  turned_ = false;
+  if (!analyzed_ || last_nodes_ != state.order.last_nodes) analyze(state.order.last_nodes);
+  elastic.rotations.swap(prepared_.elastic.rotations);
+  assembleMatrix(step, elastic);
+  elastic.rotations.swap(prepared_.elastic.rotations);
+  prepared_.ready = factorize();
+  return prepared_.ready;
+}
+
+void BodySystem::assembleMatrix(double step, const ElasticState& elastic) {
+  const ElasticMesh& fem = model_->elasticity();
+  const double c = step * fem.material().damping_beta + step * step;
+  parallelFor(ElasticMesh::kParts,
+              [&](int part) { fem.assemblePart(part, 1.0 + step * fem.material().damping_alpha, c, elastic, a_); });
+}
+
+// Rotations and forces, turned to where the path ends.
+void BodySystem::takePrepared() {
+  turn_ = grip().matrix();
+  const ElasticAhead& elastic = prepared_.elastic;
+  for (std::size_t i = 0; i < elastic.rotations.size(); ++i) {
+    state_->elastic.rotations[i] = turn_ * elastic.rotations[i];
+  }
+  f_.resize(elastic.forces.size());
+  for (int i = 0; i < model_->nodes(); ++i) f_.segment<3>(3 * i) = turn_ * elastic.forces.segment<3>(3 * i);
+}
+
+// A_tt^-1 of columns in the world's frame.
+void BodySystem::solve(MatX& columns) {
+  if (turned_) turnBlocks(turn_.transpose(), columns);
+  solveTurned(columns);
+}
+
+// The same of columns in the frame of the factor.
+void BodySystem::solveTurned(MatX& columns) {
+  factor_.solve(columns);
+  if (turned_) turnBlocks(turn_, columns);
+}
+
 // All nodes to where the handle's path leads them as one rigid body, and the shift.
 void BodySystem::moveRigidly() {
   const FollowedHandle& followed = input_.followed;
   const double h = input_.step;
   const Pose& end = followed.end.pose;
-  const Mat3 turn = (end.rotation * start_.pose.rotation.conjugate()).toRotationMatrix();
-  moved_ = x0_;
+  const Mat3 turn = end.matrix();
+  places_ = model_->placesInHandle(*state_);
+  moved_.resize(x0_.size());
   carried_.resize(3 * model_->freeNodes());
   for (int r = 0; r < model_->freeNodes(); ++r) {
     const int i = model_->free()[r];
+    auto place = places_.segment<3>(3 * i);
     auto x = moved_.segment<3>(3 * i);
-    x = end.position + turn * (x0_.segment<3>(3 * i) - start_.pose.position);
+    x = end.position + turn * place;
     const Vec3 rigid = (x - x0_.segment<3>(3 * i)) / h;
     auto v = v0_.segment<3>(3 * i);
     if (followed.velocity.size() > 0) v += start_.pose.rotation * followed.velocity.segment<3>(3 * r);
     v -= rigid;  // the right side needs it so
     carried_.segment<3>(3 * r) = rigid;
     if (followed.shift.size() == 0) continue;
-    const Vec3 shift = end.rotation * followed.shift.segment<3>(3 * r);
+    const Vec3 shift = turn * followed.shift.segment<3>(3 * r);
     x += shift;
     carried_.segment<3>(3 * r) += shift / h;
+    place += followed.shift.segment<3>(3 * r);
   }
   for (std::size_t k = 0; k < handle().nodes.size(); ++k) {
     moved_.segment<3>(3 * handle().nodes[k]) = end.apply(handle().offsets[k]);
@@ -257,6 +328,11 @@ void BodySystem::orderContactNodes(const std::vector<int>& nodes) {
 // Symbolic analysis of A_tt for free nodes, each once.
 void BodySystem::analyze(const std::vector<int>& nodes) {
   constexpr std::size_t kMany = 64;  // nodes; fewer are last in any case
+  if (turned_) {                     // what is prepared has the order of before
+    turned_ = false;
+    prepared_.ready = false;
+    assembleMatrix(input_.step, state_->elastic);
+  }
   last_nodes_ = nodes;
   std::fill(trailing_.begin(), trailing_.end(), -1);
   std::vector<int> rows;
@@ -282,11 +358,11 @@ void BodySystem::analyze(const std::vector<int>& nodes) {
   ++analyses_;
 }
 
-bool BodySystem::factorize() { return model_->free().empty() || factor_.factorize(a_); }
+bool BodySystem::factorize() { return turned_ || model_->free().empty() || factor_.factorize(a_); }
 
 void BodySystem::solveFree() {
   solution_ = rhs_;
-  if (!model_->free().empty()) factor_.solve(solution_);
+  if (!model_->free().empty()) solve(solution_);
   if (!model_->framed()) {
     v_free_ = solution_.col(0);
   } else {
@@ -294,7 +370,7 @@ void BodySystem::solveFree() {
     x_th_ = solution_.leftCols(6);
     const Eigen::Matrix<double, 6, 6> q = a_th_.transpose() * x_th_;
     const Eigen::Matrix<double, 6, 6> s = a_hh_ - 0.5 * (q + q.transpose());
-    s_inverse_ = s.inverse();
+    s_inverse_ = inverse(s);
     if (follows()) {
       u_free_ = poseDifference(input_.followed.end.pose, start_.pose) / input_.step;
       v_free_ = carried_ + solution_.col(6);
@@ -333,7 +409,7 @@ void BodySystem::predict(const std::vector<Contact>& contacts, const ContactRows
   v_end_ = v_free_;
   u_end_ = u_free_;
   if (!addImpulses(contacts, own, self, impulse, on_handle)) return;
-  if (!model_->free().empty()) factor_.solve(prediction_);
+  if (!model_->free().empty()) solve(prediction_);
   v_end_ += prediction_.col(0);
   if (model_->framed()) {
     const Vec6 du = s_inverse_ * (on_handle - a_th_.transpose() * prediction_.col(0));
@@ -360,7 +436,7 @@ void BodySystem::addColumns(const Contact& c, int self, Eigen::Index column, Bod
   forEachNode(c, self, [&](int node, double weight) {
     const Mat3 block = weight * frame;
     if (row(node) >= 0) {
-      columns_.add(row(node), block);
+      columns_.add(row(node), turned_ ? Mat3(turn_.transpose() * block) : block);
       if (model_->framed()) rows.z.middleCols<3>(column) -= x_th_.middleRows<3>(3 * row(node)).transpose() * block;
     } else {
       rows.handle.middleCols<3>(column) += jacobian(node).transpose() * block;
@@ -453,7 +529,7 @@ void BodySystem::updateDelassus(const std::vector<Contact>& contacts, int self, 
       response_.block<3, 3>(3 * columns_.node[k], 3 * c) += columns_.block[k];
     }
   }
-  if (!model_->free().empty()) factor_.solve(response_);
+  if (!model_->free().empty()) solveTurned(response_);
   image_ = rowVelocity(contacts, rows, self, response_);
   if (model_->framed()) {
     for (std::size_t c = 0; c < changed_.size(); ++c) {
@@ -524,10 +600,12 @@ void BodySystem::applyImpulse(const std::vector<Contact>& contacts, const BodyCo
       on_trailing_.segment<3>(static_cast<Eigen::Index>(3 * k)) = prediction_.block<3, 1>(3 * row(last_nodes_[k]), 0);
     }
     impulse_response_.resize(v_free_.size());
+    if (turned_) turnBlocks(turn_.transpose(), on_trailing_);
     factor_.solveFromTrailing(on_trailing_, impulse_response_);
+    if (turned_) turnBlocks(turn_, impulse_response_);
     v_end_ += impulse_response_;
   } else if (!model_->free().empty()) {
-    factor_.solve(prediction_);
+    solve(prediction_);
     v_end_ += prediction_.col(0);
   }
   if (model_->framed()) {
@@ -568,7 +646,7 @@ Mat3 BodySystem::pointInverseMass(const ContactPoint& point) const {
   }
   if (model_->framed()) {
     const Eigen::Matrix<double, 3, 6> g = attachedJacobian(point);
-    if (!g.isZero(0.0)) w += g * mass0_.ldlt().solve(g.transpose());
+    if (!g.isZero(0.0)) w += g * inverse(mass0_) * g.transpose();
   }
   return w;
 }
@@ -581,7 +659,7 @@ void BodySystem::pushPoint(const ContactPoint& point, const Vec3& impulse) {
   }
   if (model_->framed()) {
     const Eigen::Matrix<double, 3, 6> g = attachedJacobian(point);
-    if (!g.isZero(0.0)) u_end_ += mass0_.ldlt().solve(g.transpose() * impulse);
+    if (!g.isZero(0.0)) u_end_ += solveSymmetric(mass0_, g.transpose() * impulse);
   }
 }
 

@@ -25,6 +25,16 @@ struct FollowedHandle {
   VecX shift, velocity;
 };
 
+/// The elastic part of a step in which the handle follows a path, found ahead of it: of places in the handle's frame,
+/// in which it stays what it is wherever the path leads. The last step's end becomes the next one's start, so the model
+/// that a step ends with and the step after it share one factor.
+struct PreparedFollowing {
+  bool ready = false;  ///< the system's matrix and factor are of this
+  double step = 0;     ///< h of the step that it is for
+  ElasticAhead elastic;
+  double energy = 0;  ///< [J]
+};
+
 /// Given for one step.
 struct StepInput {
   double step = 0.033;  ///< h [s]
@@ -51,11 +61,19 @@ struct StepInput {
 /// body; the unknowns are velocities against that motion, v_r, and the handle is so heavy that it stays on its path
 /// unless contact stops it:
 ///     A_tt (v - v_r) = M (v0 - v_r) + h (f + m g - alpha M v_r) + J_t^T lambda
+/// A_tt may then have been prepared, in the handle's frame: what goes into its factor and comes out of it is turned.
 class BodySystem {
  public:
   /// @param model  must outlive this
   explicit BodySystem(const BodyModel& model);
   const BodyModel& model() const { return *model_; }
+
+  /// Finds A_tt, its factor, rotations and forces of a step of length h in which the handle follows a path, from these
+  /// places on; a step that finds its body there uses them. Also what the model of a live tool is made from.
+  /// @param places  of all nodes, handle's frame, what the step is to shift included [m]
+  /// @returns false if A_tt is not positive definite or not finite
+  bool prepareFollowing(const VecX& places, const BodyState& state, double step);
+  const PreparedFollowing& prepared() const { return prepared_; }
 
   // --- one step, in this order
   /// Rotations, forces, system; no factorization yet. Renews the state's element rotations.
@@ -132,7 +150,10 @@ class BodySystem {
   /// its origin, world; from the forces that elasticEnergy() found there.
   Vec6 wrenchOnHandle(const BodyState& end) const;
   /// The state was set from outside: nothing found ahead of the next step holds.
-  void forget() { ahead_.clear(); }
+  void forget() {
+    ahead_.clear();
+    prepared_.ready = false;
+  }
 
   // --- the step's system, for the linearization and for checks; valid from assemble() to the next assemble()
   const StepInput& input() const { return input_; }
@@ -165,6 +186,10 @@ class BodySystem {
   const Pose& grip() const { return follows() ? input_.followed.end.pose : start_.pose; }
   bool follows() const { return model_->held() && input_.followed.on; }
   void moveRigidly();
+  void takePrepared();
+  void assembleMatrix(double step, const ElasticState& elastic);
+  void solve(MatX& columns);
+  void solveTurned(MatX& columns);
   void assembleRightSides();
   void weighDown();
   void pullHandle();
@@ -189,6 +214,10 @@ class BodySystem {
   double c_ = 0;
   VecX x0_, start_velocities_, v0_, f_;  // v0: against v_r where the handle follows a path
   VecX moved_, carried_;  // followed handle: positions that A is of; v_r and the shift's velocity, of the free nodes
+  VecX places_;           // moved_ in the handle's frame
+  PreparedFollowing prepared_;
+  bool turned_ = false;        // A_tt and its factor are those prepared
+  Mat3 turn_;                  // from the handle's frame at the end of its path
   std::vector<Mat3> tension_;  // P of each element, times h / sqrt(c): it does not damp; empty: left out
   HandleState start_;
   ElasticAhead ahead_;

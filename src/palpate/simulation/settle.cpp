@@ -1,12 +1,12 @@
 #include <fmt/format.h>
 
-#include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <chrono>
 #include <limits>
 
 #include "palpate/common/error.h"
+#include "palpate/math/decompositions.h"
 #include "palpate/math/rotation.h"
 #include "palpate/mesh/surface_measures.h"
 #include "palpate/simulation/world.h"
@@ -86,7 +86,7 @@ RigidPart rigidPart(const VecX& x, const VecX& motion) {
     right += g.transpose() * motion.segment<3>(3 * i);
   }
   RigidPart out;
-  out.twist = normal.ldlt().solve(right);
+  out.twist = solveSymmetric(normal, right);
   const double all = motion.squaredNorm();
   if (all > 0) out.share = out.twist.dot(right) / all;
   return out;

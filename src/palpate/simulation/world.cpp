@@ -389,17 +389,16 @@ void World::findEnergies(StepReport& report) {
   energy_known_ = true;
 }
 
-void World::nearby(const ToolMotion& tool, double plane_reach, double surface_reach, double ahead,
-                   std::vector<Contact>& out) {
+void World::nearby(const ToolMotion& tool, double plane_reach, double ahead, std::vector<Contact>& out) {
   prepare();
-  ContactSettings near = contact;
-  near.margin = surface_reach;
   for (int i = 0; i < bodies(); ++i) {
     const VecX& x = i == tool_ ? tool.positions : state_.bodies[i].positions;
-    const std::size_t first = out.size();
-    models_[i]->contactFinder().find(i, x, x, obstacles, plane_reach, out);
-    for (std::size_t k = first; k < out.size(); ++k) {
-      out[k].friction = friction_(i, FrictionTable::obstacle(out[k].partner));
+    if (i == tool_) {
+      const std::size_t first = out.size();
+      models_[i]->contactFinder().find(i, x, x, obstacles, plane_reach, out);
+      for (std::size_t k = first; k < out.size(); ++k) {
+        out[k].friction = friction_(i, FrictionTable::obstacle(out[k].partner));
+      }
     }
     if (!surfaces_.active()) continue;
     surfaces_.setStart(i, x);
@@ -408,7 +407,7 @@ void World::nearby(const ToolMotion& tool, double plane_reach, double surface_re
   if (!surfaces_.active()) return;
   constexpr double kShare = 0.25;
   surfaces_.allow(kShare * budget.operations);
-  surfaces_.find(near, friction_, out);
+  surfaces_.find(contact, friction_, out, tool_);
 }
 
 const Obstacle* World::obstacleOf(const Contact& c) const {

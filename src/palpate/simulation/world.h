@@ -95,11 +95,10 @@ class World {
   struct ToolMotion {
     VecX positions, speeds;  ///< in place of the state's [m], [m/s]
   };
-  /// All that is near or will be: points against planes within plane_reach [m], surfaces within surface_reach or that
-  /// would meet within a time `ahead` [s] if all went on as they now move. Gaps are those of now. A search that would
-  /// cost too much (a quarter of the budget) ends early. Appends.
-  void nearby(const ToolMotion& tool, double plane_reach, double surface_reach, double ahead,
-              std::vector<Contact>& out);
+  /// All that is near the tool or will be: points against planes within plane_reach [m], surfaces within their margin or
+  /// that would meet within a time `ahead` [s] if all went on as they now move. Gaps are those of now. A search that
+  /// would cost too much (a quarter of the budget) ends early. Appends.
+  void nearby(const ToolMotion& tool, double plane_reach, double ahead, std::vector<Contact>& out);
 
   /// What a contact is with, null: a body.
   const Obstacle* obstacleOf(const Contact& contact) const;

@@ -3,12 +3,14 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
+#include <memory>
+#include <utility>
 
 #include "palpate/common/error.h"
 #include "palpate/mesh/surface_measures.h"
 #include "palpate/results/statistics.h"
+#include "palpate/session/lockstep.h"
 #include "palpate/study/examiner.h"
 #include "palpate/study/freeze_watch.h"
 
@@ -51,6 +53,35 @@ Rest restOf(const World& world) {
   return {tool.state.handle.pose, tool.model.elasticity().energyAt(tool.state.positions, tool.state.elastic, own)};
 }
 
+/// Goes evenly from one place of a hand's way to the next within a visual step; feels nothing.
+class WayDevice final : public Device {
+ public:
+  WayDevice(const DeviceLimits& limits, const Pose& start, double step) : limits_(limits), step_(step) { place(start); }
+  void place(const Pose& pose) {
+    from_ = to_ = {pose, Vec6::Zero()};
+    begin_ = 0;
+  }
+  /// @param arrival  when it is to be there [s]
+  void goTo(const DeviceTarget& target, double arrival) {
+    from_ = std::exchange(to_, target);
+    begin_ = arrival - step_;
+  }
+
+  const char* name() const noexcept override { return "stress"; }
+  DeviceLimits limits() const noexcept override { return limits_; }
+  DeviceState sample(double t) noexcept override {
+    const double share = (t - begin_) / step_;
+    const DeviceTarget at = share < 1.0 - 1e-9 ? between(from_, to_, std::max(share, 0.0)) : to_;
+    return {at.pose, at.twist, 0};
+  }
+  void apply(const Vec6& /*wrench*/, double /*t*/, double /*dt*/) noexcept override {}
+
+ private:
+  DeviceLimits limits_;
+  double step_, begin_ = 0;
+  DeviceTarget from_, to_;
+};
+
 /// Takes the steps and looks at the world after each.
 class StressRun {
  public:
@@ -59,8 +90,8 @@ class StressRun {
         world_(scene.world),
         settings_(settings),
         going_on_(going_on),
-        start_model_(startModel(scene, settings.timing)),
-        model_(start_model_),
+        hand_(giveHand(scene, settings.timing.visual_step)),
+        run_(scene, settings.timing, sink_),
         diagonal_(boundsOf(world_.tool().model.mesh().surface.vertices).diagonal()),
         examiner_(world_, kInside * diagonal_, settings.crossable),
         freeze_(world_, scene.start, settings.timing.visual_step) {
@@ -71,6 +102,10 @@ class StressRun {
       settings_.rides = (settings_.steps + length - 1) / length;
     }
   }
+
+  StressRun(const StressRun&) = delete;
+  StressRun& operator=(const StressRun&) = delete;
+  ~StressRun() { std::swap(scene_.device, device_); }
 
   StressOutcome finish() {
     if (settings_.riding) {
@@ -86,6 +121,14 @@ class StressRun {
   }
 
  private:
+  WayDevice& giveHand(BuiltScene& scene, double step) {
+    auto hand = std::make_unique<WayDevice>(scene.device->limits(), scene.start, step);
+    WayDevice& out = *hand;
+    device_ = std::exchange(scene.device, std::move(hand));
+    sink_.visual = [this](const VisualRecord& record) { record_ = record; };
+    return out;
+  }
+
   void runWild() {
     WildHand hand(scene_.start, settings_.motion, settings_.seed);
     while (!outcome_.stopped && outcome_.all.steps < settings_.steps) {
@@ -100,15 +143,15 @@ class StressRun {
   }
 
   void rideAll() {
-    const WorldState built = world_.state();
+    const LockstepState built = run_.state();
     const int calm = static_cast<int>(std::ceil(settings_.motion.home / settings_.motion.step - 1e-9));
     for (int n = 0; n < calm; ++n) take({scene_.start, Vec6::Zero()});
     reference_ = restOf(world_);
     reference_touch_ = touchOf(world_);
     times_.clear();
     for (int k = 0; k < settings_.rides && !outcome_.stopped; ++k) {
-      world_.restore(built);
-      model_ = start_model_;
+      run_.restore(built);
+      hand_.place(scene_.start);
       steps_ = 0;
       freeze_.restart(world_);
       cut_before_ = false;
@@ -173,16 +216,15 @@ class StressRun {
     ride.came_back = ride.judge == RideJudge::none || (ride.handle_off <= kHandleOff && (energy_good || !same_energy));
   }
 
-  // A visual step, as runs take it.
+  // A visual step of a run, and the ticks on the way to it.
   StepReport take(const DeviceTarget& device) {
-    const DeviceTarget target = aimAt({device.pose, device.twist, 0}, settings_.timing);
-    const auto begin = std::chrono::steady_clock::now();
-    const VisualRecord record =
-        visualStep(world_, target, visualSettings(scene_, settings_.timing), steps_ * settings_.motion.step, model_);
-    times_.push_back(std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - begin).count());
+    const RunTiming& timing = settings_.timing;
+    const auto ticks = steps_ * std::llround(timing.visual_step / timing.haptic_step);
+    hand_.goTo(device, static_cast<double>(ticks) * timing.haptic_step);
+    run_.runUntil(ticks + 1);
+    times_.push_back(1e3 * (record_.step.times.total() + record_.linearization_s));
     ++steps_;
-    model_ = record.model;
-    return record.step;
+    return record_.step;
   }
 
   Examination step(const DeviceTarget& device, StressTally& tally) {
@@ -228,14 +270,18 @@ class StressRun {
   World& world_;
   StressSettings settings_;
   const std::function<bool(double)>& going_on_;
-  HandleModel start_model_, model_;
+  std::unique_ptr<Device> device_;  // the scene's own
+  RunSink sink_;
+  VisualRecord record_;  // of the last step
+  WayDevice& hand_;
+  LockstepRun run_;
   double diagonal_;
   Examiner examiner_;
   FreezeWatch freeze_;
   Rest reference_;
   Touch reference_touch_ = Touch::nothing;
   bool cut_before_ = false;
-  int steps_ = 0;
+  std::int64_t steps_ = 0;
   std::vector<double> times_;  // [ms]
   StressOutcome outcome_;
 };

@@ -12,14 +12,6 @@ constexpr double kLongest = 6.0;                // visual steps that a replay ma
 constexpr double kStrong = 3.0, kAnyway = 5.0;  // of the link's force, and [N]: with which the handle is led
 constexpr int kMostParts = 4;                   // steps in which a long way is made up for
 
-VecX freeMasses(const BodyModel& tool) {
-  VecX mass(3 * tool.freeNodes());
-  for (int r = 0; r < tool.freeNodes(); ++r) {
-    mass.segment<3>(3 * r).setConstant(tool.elasticity().mass()[tool.free()[r]]);
-  }
-  return mass;
-}
-
 }  // namespace
 
 void LiveVisual::begin(World& world, double step, std::int64_t index, double time) {
@@ -41,11 +33,7 @@ ToolPath LiveVisual::pathSince(const HandlePath& path) const {
 
 // The last model along the recorded path.
 bool LiveVisual::replayed(const World& world, const HandlePath& path, LiveState& state) {
-  state = startState(state_.model);
-  const std::int64_t now = path.end() - 1;
-  return replay_.replayTo(now, static_cast<int>(HandlePath::kCapacity), state_.model, tick_, world.gravity, path,
-                          state) &&
-         state.index == now && isFinite(state);
+  return replay_.replayAll(path.end() - 1, state_.model, tick_, world.gravity, path, state) && isFinite(state);
 }
 
 // Its low modes in place of the world's; what that changes is the next step's to bring into the world.
@@ -82,6 +70,11 @@ VisualRecord LiveVisual::step(World& world, const HandlePath& path, const Device
       kAnyway;
   const double length = tick_ * static_cast<double>(way.points.size() - 1);
   if (length <= 0) return record;
+  if (state_.ready && !world.tool().system.prepared().ready) {
+    ToolShape shape = toolShape(world);
+    if (state_.shift.size() > 0) shape.places += state_.shift;
+    ToolReduction::prepare(world, settings_, shape, settings.step);
+  }
   const int steps = std::clamp(static_cast<int>(std::ceil(length / (1.01 * settings.step))), 1, kMostParts);
   record.step = world.follow(way, length, steps * settings.substeps);
 

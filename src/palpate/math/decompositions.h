@@ -1,0 +1,32 @@
+#pragma once
+
+#include "palpate/math/types.h"
+
+namespace palpate {
+
+// Dense factorizations, compiled once: each takes the compiler seconds wherever it is instantiated.
+
+/// A = V diag(values) V^T, or with B: A V = B V diag(values), V^T B V = 1.
+struct SymmetricEigen {
+  VecX values;  ///< increasing
+  MatX vectors;
+};
+/// Of a symmetric matrix; reads its lower triangle.
+SymmetricEigen symmetricEigen(const MatX& a);
+/// @param b  positive definite
+SymmetricEigen symmetricEigen(const MatX& a, const MatX& b);
+/// A^-1 B for a symmetric A, definite or nearly so.
+MatX solveSymmetric(const MatX& a, const MatX& b);
+
+// Of six by six; no memory is taken.
+struct SymmetricEigen6 {
+  Vec6 values;  ///< increasing
+  Mat6 vectors;
+};
+SymmetricEigen6 symmetricEigen(const Mat6& a) noexcept;
+bool isPositiveDefinite(const Mat6& a) noexcept;
+Vec6 solve(const Mat6& a, const Vec6& b) noexcept;  ///< A^-1 b, pivots by rows
+Mat6 inverse(const Mat6& a) noexcept;
+Vec6 solveSymmetric(const Mat6& a, const Vec6& b) noexcept;  ///< A^-1 b, A definite
+
+}  // namespace palpate
