@@ -73,9 +73,9 @@ TickRecord HapticLoop::tick(const DeviceState& sample, const HandleModel* newest
 }
 
 HapticLoopState HapticLoop::state() const noexcept {
-  return {filter_.state(), proxy_.state(), safety_.state(), observer_,           counters_,
-          model_,          has_model_,     live_[current_], live_[1 - current_], has_live_,
-          has_pending_,    path_,          start_time_,     last_device_pose_,   last_sent_};
+  return {filter_.state(), proxy_.state(),  safety_.state(),     observer_, counters_,    model_,
+          has_model_,      live_[current_], live_[1 - current_], has_live_, has_pending_, account_,
+          path_,           start_time_,     last_device_pose_,   last_sent_};
 }
 
 void HapticLoop::restore(const HapticLoopState& state) noexcept {
@@ -90,6 +90,7 @@ void HapticLoop::restore(const HapticLoopState& state) noexcept {
   live_[1 - current_] = state.pending;
   has_live_ = state.has_live;
   has_pending_ = state.has_pending;
+  account_ = state.account;
   path_ = state.path;
   start_time_ = state.start_time;
   last_device_pose_ = state.device_pose;
@@ -146,10 +147,28 @@ void HapticLoop::takeLive(TickFlags& flags) noexcept {
   } else if (pending.state.index < now) {
     flags.set(TickFlag::model_catching_up);
   } else {
-    current_ = 1 - current_;
-    has_live_ = true;
     has_pending_ = false;
+    changeLive(flags);
   }
+}
+
+void HapticLoop::changeLive(TickFlags& flags) noexcept {
+  LiveUpdate& next = live_[1 - current_];
+  if (has_live_) {
+    const LiveUpdate& used = live_[current_];
+    const Pose& pose = proxy_.pose();
+    const Vec6& twist = proxy_.twist();
+    const Vec3& gravity = settings_.proxy.gravity;
+    const double before = liveEnergy(used.model, used.state, pose, twist, gravity);
+    const auto verdict = account_.change(before, next.model, pose, twist, gravity, next.state);
+    if (verdict == SwitchAccount::Verdict::damped) flags.set(TickFlag::model_damped);
+    if (verdict == SwitchAccount::Verdict::refused) {
+      flags.set(TickFlag::model_rejected);
+      return;
+    }
+  }
+  current_ = 1 - current_;
+  has_live_ = true;
 }
 
 TickFlags HapticLoop::stepLive(const DeviceState& device) noexcept {
@@ -158,6 +177,11 @@ TickFlags HapticLoop::stepLive(const DeviceState& device) noexcept {
   LiveUpdate& live = live_[current_];
   const LiveTickInput input{dt, settings_.proxy.gravity, settings_.link, device.pose, device.twist};
   const Vec6 twist = live_tick_.step(live.model, input, proxy_.pose(), proxy_.twist(), live.state);
+  const Vec6 slip = device.twist - twist;
+  account_.earn(dt *
+                (settings_.link.damping * slip.head<3>().squaredNorm() +
+                 settings_.link.rotational_damping * slip.tail<3>().squaredNorm() +
+                 live.model.beta * live.state.speed.dot(live.model.squared_frequency.cwiseProduct(live.state.speed))));
   const TickFlags flags = proxy_.move(twist, device, dt);
   if (!isFinite(live.state)) has_live_ = false;  // the next model begins anew
   return flags;

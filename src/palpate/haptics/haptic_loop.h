@@ -7,6 +7,7 @@
 #include "palpate/haptics/proxy.h"
 #include "palpate/haptics/safety.h"
 #include "palpate/live/live_tick.h"
+#include "palpate/live/switch_account.h"
 
 namespace palpate {
 
@@ -58,6 +59,7 @@ struct HapticLoopState {
   bool has_model = false;
   LiveUpdate live, pending;  ///< in use; being replayed
   bool has_live = false, has_pending = false;
+  SwitchAccount account;
   HandlePath path;
   double start_time = 0.0;   ///< [s]
   Pose device_pose;          ///< of the last tick
@@ -100,12 +102,15 @@ class HapticLoop {
 
   const TickCounters& counters() const noexcept { return counters_; }
   const PassivityObserver& passivity() const noexcept { return observer_; }
+  /// Energy at changes of live models.
+  const SwitchAccount& switches() const noexcept { return account_; }
   const HapticSettings& settings() const noexcept { return settings_; }
 
  private:
   DeviceState readDevice(const DeviceState& sample, TickFlags& flags) noexcept;
   const HandleModel* takeModel(const HandleModel* newest, TickFlags& flags) noexcept;
   void takeLive(TickFlags& flags) noexcept;
+  void changeLive(TickFlags& flags) noexcept;
   TickFlags stepLive(const DeviceState& device) noexcept;
   Vec6 render(const HandleModel* model, const DeviceState& device, TickRecord& record) noexcept;
   Vec6 compensate(const Vec6& wrench, const Pose& handle) const noexcept;
@@ -122,6 +127,7 @@ class HapticLoop {
   std::size_t current_ = 0;
   bool has_live_ = false, has_pending_ = false;
   LiveTick live_tick_;
+  SwitchAccount account_;
   HandlePath path_;
   double start_time_ = 0.0;
   Pose last_device_pose_;

@@ -9,7 +9,7 @@ namespace palpate {
 /// What was out of the ordinary in a tick; bits of TickRecord::flags.
 enum class TickFlag : std::uint32_t {
   device_rejected,         ///< device sample was not finite or absurd: the last good one was used
-  model_rejected,          ///< handle model was not finite: the last good one was used
+  model_rejected,          ///< handle model was not finite, or brought too much energy: the last good one was used
   model_missing,           ///< no handle model has arrived yet
   model_rotation_clamped,  ///< proxy is turned farther from the model's reference than the model is trusted
   stiffness_projected,     ///< derivative of the model was active: its active part was taken explicitly
@@ -23,6 +23,7 @@ enum class TickFlag : std::uint32_t {
   ramping,                 ///< start ramp
   passivity_damped,        ///< passivity controller took energy out
   model_catching_up,       ///< a newer live model is still being replayed along the path
+  model_damped,            ///< a new live model brought more energy than is paid for: its modes were slowed down
   count
 };
 
@@ -44,7 +45,8 @@ constexpr const char* toString(TickFlag flag) {
                                                           "slew_limited",
                                                           "ramping",
                                                           "passivity_damped",
-                                                          "model_catching_up"};
+                                                          "model_catching_up",
+                                                          "model_damped"};
   return names[static_cast<std::size_t>(flag)];
 }
 

@@ -255,6 +255,13 @@ struct RunFiles::Impl {
     j["force"] = {{"peak_N", peak_force},
                   {"rms_N", ticks > 0 ? std::sqrt(force_squares / static_cast<double>(ticks)) : 0.0},
                   {"delivered_J", outcome.delivered_energy}};
+    const SwitchAccount& account = outcome.switches;
+    if (account.dissipated() > 0) {
+      j["live"] = {{"energy_rises_J", account.rises()},
+                   {"energy_falls_J", account.falls()},
+                   {"largest_rise_J", account.largestRise()},
+                   {"dissipated_J", account.dissipated()}};
+    }
     return j;
   }
 

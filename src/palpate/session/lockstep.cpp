@@ -87,6 +87,7 @@ RunOutcome LockstepRun::outcome() const {
   RunOutcome out;
   out.counters = loop_.counters();
   out.delivered_energy = loop_.passivity().delivered();
+  out.switches = loop_.switches();
   out.ticks = static_cast<std::uint64_t>(tick_);
   out.tick_us = {work_.percentile(0.5), work_.percentile(0.99), work_.max()};
   return out;

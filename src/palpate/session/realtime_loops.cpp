@@ -198,6 +198,7 @@ RunOutcome RealtimeLoops::outcome() const {
   out.realtime = true;
   out.counters = loop_.counters();
   out.delivered_energy = loop_.passivity().delivered();
+  out.switches = loop_.switches();
   out.ticks = haptic_report_.ticks;
   out.missed = haptic_report_.missed;
   out.dropped_rows = dropped();

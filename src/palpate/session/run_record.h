@@ -22,6 +22,7 @@ struct RunSink {
 struct RunOutcome {
   TickCounters counters;
   double delivered_energy = 0;  ///< net energy given to the hand [J]
+  SwitchAccount switches;       ///< of method `live`
   std::uint64_t ticks = 0;
   std::uint64_t missed = 0;        ///< haptic deadlines missed; 0 in lockstep
   std::uint64_t dropped_rows = 0;  ///< rows that the recording could not take in time

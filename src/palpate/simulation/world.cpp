@@ -238,9 +238,9 @@ StepReport World::stepBodies(const std::vector<int>& moving, const StepInput& in
   return report;
 }
 
-constexpr int kShortest = 16;          // as a part of a step
-constexpr int kFollowingHalvings = 1;  // before a path is left
-constexpr int kGoodParts = 4;          // so many good parts before a longer one is tried
+constexpr int kShortest = 16;    // as a part of a step
+constexpr int kMostPulled = 15;  // steps after a path was left, before one is tried again
+constexpr int kGoodParts = 4;    // so many good parts before a longer one is tried
 // Of the budget: what a try may cost that need not succeed, of the whole step and of a part.
 constexpr double kWholeShare = 1.0, kPartShare = 0.3;
 // an end whose energy is beyond what work explains, by this share of it and this much [J], is not believed
@@ -277,7 +277,7 @@ bool World::tryStep(const StepInput& input, bool whole, bool last, StepReport& r
 }
 
 // Of the part of a step between two shares of it.
-StepInput World::inputAt(const Way& way, double from, double to, bool pulled) const {
+StepInput World::inputAt(const Way& way, double from, double to) const {
   const double h = (to - from) * way.step;
   if (way.path == nullptr) {
     const DeviceTarget target = to == 1 ? way.to : between(way.from, way.to, to);
@@ -285,7 +285,7 @@ StepInput World::inputAt(const Way& way, double from, double to, bool pulled) co
   }
   const HandleState end = way.path->at(to);
   const DeviceTarget target{end.pose, end.twist};
-  if (pulled) return {h, gravity, saturatedLink(target), target};
+  if (way.pulled) return {h, gravity, saturatedLink(target), target};
   StepInput input{h, gravity, link, target};
   input.followed.on = true;
   input.followed.end = end;
@@ -299,22 +299,20 @@ StepInput World::inputAt(const Way& way, double from, double to, bool pulled) co
 
 // A part of the step, in one or in halves and halves of halves where that fails. Where the budget is used up it ends
 // early: a world that is slow for a moment is better than one that is wrong.
-void World::stepAlong(const Way& way, double from, double to, StepReport& sum) {
+void World::stepAlong(Way& way, double from, double to, StepReport& sum) {
   int done = 0;  // of the shortest parts
   int successes = 0;
-  bool pulled = false;  // instead of following a path
   int& halvings = state_.halvings;
   halvings = std::max(0, halvings - 1);
-  if (way.path != nullptr && halvings > kFollowingHalvings) pulled = true;
   while (done < kShortest) {
     const int length = kShortest >> halvings;
     const auto shareAt = [&](int part) { return part == kShortest ? to : from + (to - from) * part / kShortest; };
     StepReport part;
-    const bool last = length == 1;
-    if (!tryStep(inputAt(way, shareAt(done), shareAt(done + length), pulled), length == kShortest, last, part)) {
+    const bool last = length == 1 && (way.path == nullptr || way.pulled);
+    if (!tryStep(inputAt(way, shareAt(done), shareAt(done + length)), length == kShortest, last, part)) {
       sum.times += part.times;
-      if (way.path != nullptr && !pulled && halvings >= kFollowingHalvings) {
-        pulled = true;
+      if (way.path != nullptr && !way.pulled) {
+        way.pulled = true;
       } else {
         ++halvings;
       }
@@ -352,8 +350,13 @@ StepReport World::follow(const ToolPath& path, double h, int parts) {
   return walk({{}, {end.pose, end.twist}, h, &path}, parts);
 }
 
-StepReport World::walk(const Way& way, int parts) {
+StepReport World::walk(Way way, int parts) {
   prepare();
+  const bool follows = way.path != nullptr && state_.pulled_steps == 0;
+  if (way.path != nullptr && !follows) {
+    way.pulled = true;
+    --state_.pulled_steps;
+  }
   meter_.start(budget);
   StepReport report;
   if (!energy_known_) findEnergies(report);
@@ -363,6 +366,10 @@ StepReport World::walk(const Way& way, int parts) {
     stepAlong(way, static_cast<double>(k) / parts, static_cast<double>(k + 1) / parts, report);
   }
   report.energy_made = energyMade(before, energy_, work_);
+  if (follows) {
+    state_.pulled_after = way.pulled ? std::min(2 * state_.pulled_after + 1, kMostPulled) : 0;
+    state_.pulled_steps = state_.pulled_after;
+  }
   return report;
 }
 

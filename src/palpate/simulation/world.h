@@ -76,9 +76,9 @@ class World {
   /// back where it crosses.
   /// @param parts  equal ones to begin with
   [[nodiscard]] StepReport step(const DeviceTarget& device, double h, int parts = 1);
-  /// As step(), but the tool's handle follows a path instead of being pulled by the link. Where that fails even in
-  /// halves of the step, because the path leads where the scene forbids, the link pulls the handle along the rest of
-  /// it. The next path begins wherever the handle is.
+  /// As step(), but the tool's handle follows a path instead of being pulled by the link. Where that fails, because the
+  /// path leads where the scene forbids, the link pulls the handle along the rest of it, and along the next paths: one
+  /// after a first failure, more after each that follows. The next path begins wherever the handle is.
   /// @param path  with at least one point; needs a tool
   [[nodiscard]] StepReport follow(const ToolPath& path, double h, int parts = 1);
   /// As step(), but positions and velocities stay as they were: for a model at the present state. Only a step that
@@ -95,8 +95,8 @@ class World {
   struct ToolMotion {
     VecX positions, speeds;  ///< in place of the state's [m], [m/s]
   };
-  /// All that is near the tool or will be: points against planes within plane_reach [m], surfaces within their margin or
-  /// that would meet within a time `ahead` [s] if all went on as they now move. Gaps are those of now. A search that
+  /// All that is near the tool or will be: points against planes within plane_reach [m], surfaces within their margin
+  /// or that would meet within a time `ahead` [s] if all went on as they now move. Gaps are those of now. A search that
   /// would cost too much (a quarter of the budget) ends early. Appends.
   void nearby(const ToolMotion& tool, double plane_reach, double ahead, std::vector<Contact>& out);
 
@@ -121,6 +121,7 @@ class World {
     DeviceTarget from, to;
     double step;  // h
     const ToolPath* path = nullptr;
+    bool pulled = false;  // along it by the link
   };
   struct BodyBegin {  // of a body's step
     bool good = false;
@@ -132,9 +133,9 @@ class World {
   std::vector<int> all() const;
   void requireFit(int i, const BodyState& state) const;
   void wasSet(int i);
-  StepReport walk(const Way& way, int parts);
-  StepInput inputAt(const Way& way, double from, double to, bool pulled) const;
-  void stepAlong(const Way& way, double from, double to, StepReport& sum);
+  StepReport walk(Way way, int parts);
+  StepInput inputAt(const Way& way, double from, double to) const;
+  void stepAlong(Way& way, double from, double to, StepReport& sum);
   bool tryStep(const StepInput& input, bool whole, bool last, StepReport& report);
   StepReport stepBodies(const std::vector<int>& moving, const StepInput& input, Ending ending, double share = 0.0);
   bool beginBodies(const std::vector<int>& moving, const StepInput& input, Ending ending, StepReport& report);

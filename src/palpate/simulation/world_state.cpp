@@ -12,7 +12,7 @@ namespace palpate {
 namespace {
 
 constexpr std::uint32_t kMagic = 0x54535050;  // "PPST"
-constexpr std::uint32_t kVersion = 2;
+constexpr std::uint32_t kVersion = 3;
 
 class Writer {
  public:
@@ -203,6 +203,8 @@ void fields(A& a, WorldState& state) {
   fields(a, state.device.twist);
   fields(a, state.aimed);
   fields(a, state.halvings);
+  fields(a, state.pulled_steps);
+  fields(a, state.pulled_after);
 }
 
 // FNV-1a: a file that was damaged on its way is told from a state.

@@ -20,6 +20,8 @@ struct WorldState {
   DeviceTarget device;          ///< target of the last step
   bool aimed = false;           ///< there was one
   int halvings = 0;             ///< of its parts at its end
+  int pulled_steps = 0;         ///< that follow() is to take pulled by the link, before it tries a path again
+  int pulled_after = 0;         ///< how many there were after its last failure
 };
 
 /// The state as bytes: little-endian, version first, checksum last; the same bytes if and only if the states are the

@@ -10,6 +10,7 @@ namespace {
 
 constexpr double kLongest = 6.0;                // visual steps that a replay may bridge
 constexpr double kStrong = 3.0, kAnyway = 5.0;  // of the link's force, and [N]: with which the handle is led
+constexpr double kFarthest = 0.01;              // that a correction may move a node [m]: more is no correction
 constexpr int kMostParts = 4;                   // steps in which a long way is made up for
 
 }  // namespace
@@ -41,7 +42,12 @@ ToolShape LiveVisual::corrected(const World& world, const LiveState& replayed) {
   ToolShape shape = toolShape(world);
   const VecX mass = freeMasses(world.tool().model);
   const LiveBasis& basis = state_.basis;
+  state_.velocity.resize(0);
   state_.shift = basis.modes * (settings_.feedback * (replayed.z - basis.project(mass, shape.places - basis.places)));
+  if (state_.shift.size() > 0 && state_.shift.cwiseAbs().maxCoeff() > kFarthest) {
+    state_.shift.resize(0);
+    return shape;
+  }
   state_.velocity = basis.modes * (settings_.feedback * (replayed.speed - basis.project(mass, shape.speeds)));
   shape.places += state_.shift;
   shape.speeds += state_.velocity;
