@@ -1,6 +1,7 @@
 #include <fmt/format.h>
 
 #include <memory>
+#include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
 
@@ -9,6 +10,7 @@
 #include "palpate/scene/overrides.h"
 #include "palpate/scene/reader.h"
 #include "palpate/study/evaluate.h"
+#include "palpate/study/hands.h"
 #include "progress.h"
 
 namespace palpate {
@@ -18,6 +20,7 @@ struct EvaluateOptions {
   std::vector<std::string> scenes;
   Overrides overrides;
   StudySettings study;
+  std::vector<std::string> hands;
   std::string out = "out/evaluate";
 };
 
@@ -28,6 +31,8 @@ void evaluate(const EvaluateOptions& options) {
     applyOverrides(configs.back(), options.overrides);
     checkStudy(configs.back(), options.study);
   }
+  HandsSettings hands;
+  for (const std::string& hand : options.hands) hands.hands.push_back(handFrom(hand));
   const OutputFolder writable(options.out);
   std::vector<SceneStudy> studies;
   for (const SceneConfig& config : configs) {
@@ -35,8 +40,13 @@ void evaluate(const EvaluateOptions& options) {
                                   options.study.methods.size() * options.study.visual_steps.size()));
     studies.push_back(evaluateScene(config, options.study, [&](double share) { progress(share); }));
   }
-  writeStudy(studies, options.out);
-  fmt::print("{}report: {}/report.html\n", studyTable(studies), options.out);
+  std::vector<HandStudy> held;
+  for (std::size_t i = 0; i < studies.size() && !hands.hands.empty(); ++i) {
+    Progress progress(fmt::format("{}: {} hands", configs[i].name, hands.hands.size()));
+    held.push_back(evaluateHands(studies[i], options.study, hands, [&](double share) { progress(share); }));
+  }
+  writeStudy(studies, options.out, handsJson(held));
+  fmt::print("{}{}report: {}/report.html\n", studyTable(studies), held.empty() ? "" : handTable(held), options.out);
 }
 
 }  // namespace
@@ -62,6 +72,11 @@ void addEvaluateCommand(CLI::App& app) {
   command->add_option("--duration", overrides.duration, "Length of the run, s")->type_name("S");
   command->add_option("--tetrahedra", overrides.tetrahedra, "Wanted size of the tool's simulation mesh")
       ->type_name("N");
+  command
+      ->add_option("--hands", options->hands,
+                   "Also hold the device in these hands, N/m and N s/m, or none, such as 500/8,200/3,100/2,30/0.5,none")
+      ->delimiter(',')
+      ->type_name("K/B,...");
   command->add_flag("--reference-check", options->study.reference_check, "Run the reference at half its step too");
   command->add_option("--out", options->out, "Folder for summary.json and report.html")
       ->check(kNotEmpty)

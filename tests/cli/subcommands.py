@@ -89,7 +89,7 @@ def help_of_every_subcommand(context):
 def run_writes_what_others_rely_on(context):
     summary = run_press(context)
     require_keys("summary", summary, SUMMARY)
-    expect(summary["method"] == "hsl", "the default method is not hsl")
+    expect(summary["method"] == "live", "the default method is not live")
     expect(summary["mesh"]["tetrahedra"] == 48 and summary["mesh"]["nodes"] == 27, f"mesh: {summary['mesh']}")
     expect(summary["visual"]["steps"] == 15, f"0.3 s at 0.02 s are 15 steps and not {summary['visual']['steps']}")
     expect(summary["contact"]["max_active"] > 0, "pressing made no contact")

@@ -243,7 +243,7 @@ TEST(SceneReader, SmallSceneHasTheDefaultsOfItsStructs) {
   EXPECT_EQ(scene.visual_step, 0.033);
   EXPECT_EQ(scene.ticksPerStep(), 33);
   EXPECT_EQ(scene.latency, 1);
-  EXPECT_EQ(scene.method, MethodName::hsl);
+  EXPECT_EQ(scene.method, MethodName::live);
   EXPECT_EQ(scene.aim, AimName::sample);
   EXPECT_EQ(scene.substeps, 1);
   EXPECT_FALSE(scene.substeps_auto);

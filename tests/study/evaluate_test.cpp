@@ -196,7 +196,7 @@ TEST(Evaluate, WritesEveryKey) {
   ASSERT_TRUE(study.reference_error);
   const std::filesystem::path folder = std::filesystem::path(testing::TempDir()) / "palpate_evaluate_test";
   std::filesystem::remove_all(folder);
-  writeStudy({study, study}, folder);
+  writeStudy({study, study}, folder, {});
   const auto json = nlohmann::json::parse(std::ifstream(folder / "summary.json"));
   ASSERT_EQ(json["rows"].size(), 2u);
   const auto& row = json["rows"][0];

@@ -27,16 +27,19 @@ SimulatedDevice::SimulatedDevice(const SimulatedDeviceSettings& settings, Path p
   require(positive(settings.inertia), "inertia", "must be positive");
   require(not_negative(settings.damping), "damping", "must not be negative");
   require(not_negative(settings.rotational_damping), "rotational_damping", "must not be negative");
-  require(positive(settings.hand_stiffness), "hand_stiffness", "must be positive");
+  require(not_negative(settings.hand_stiffness), "hand_stiffness", "must not be negative");
   require(not_negative(settings.hand_damping), "hand_damping", "must not be negative");
-  require(positive(settings.hand_rotational_stiffness), "hand_rotational_stiffness", "must be positive");
+  require(not_negative(settings.hand_rotational_stiffness), "hand_rotational_stiffness", "must not be negative");
   require(not_negative(settings.hand_rotational_damping), "hand_rotational_damping", "must not be negative");
   SimulatedDevice::begin(Vec6::Zero());
 }
 
 void SimulatedDevice::begin(const Vec6& wrench) noexcept {
-  hand_offset_.head<3>() = -wrench.head<3>() / settings_.hand_stiffness;
-  hand_offset_.tail<3>() = -wrench.tail<3>() / settings_.hand_rotational_stiffness;
+  hand_offset_.setZero();  // a hand without springs carries nothing
+  if (settings_.hand_stiffness > 0) hand_offset_.head<3>() = -wrench.head<3>() / settings_.hand_stiffness;
+  if (settings_.hand_rotational_stiffness > 0) {
+    hand_offset_.tail<3>() = -wrench.tail<3>() / settings_.hand_rotational_stiffness;
+  }
   const double turn = hand_offset_.tail<3>().norm();
   if (turn > kMaxHandTurn) hand_offset_.tail<3>() *= kMaxHandTurn / turn;
   state_ = DeviceState{path_.at(0.0, start_).pose, Vec6::Zero(), 0};

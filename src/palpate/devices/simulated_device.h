@@ -29,7 +29,8 @@ class SimulatedDevice : public Device {
  public:
   /// @param path   of the hand, relative to `start`
   /// @param start  pose at t = 0, at rest there
-  /// @throws InputError for a mass or inertia that is not positive, or stiffness and damping that are negative
+  /// @throws InputError for a mass or inertia that is not positive, or stiffness and damping that are negative. Without
+  ///         stiffness nobody holds the device.
   SimulatedDevice(const SimulatedDeviceSettings& settings, Path path, const Pose& start);
 
   const char* name() const noexcept override { return "simulated"; }

@@ -33,8 +33,8 @@ SwitchAccount::Verdict SwitchAccount::change(double before, const LiveModel& mod
   const double c = liveEnergy(model, still, pose, twist, gravity) - before - saved_;
   const double a = 0.5 * state.speed.squaredNorm();
   const double b = rise - saved_ - a - c;
-  if (c <= 0 && a > 0) {
-    const double share = (-b + std::sqrt(std::max(0.0, b * b - 4.0 * a * c))) / (2.0 * a);
+  if (c + saved_ <= std::max(kCap, 0.5 * model.mass * kAbsurdSpeed * kAbsurdSpeed)) {
+    const double share = c < 0 && a > 0 ? (-b + std::sqrt(std::max(0.0, b * b - 4.0 * a * c))) / (2.0 * a) : 0.0;
     state.speed *= std::clamp(share, 0.0, 1.0);
     book(liveEnergy(model, state, pose, twist, gravity) - before);
     return Verdict::damped;
@@ -44,7 +44,7 @@ SwitchAccount::Verdict SwitchAccount::change(double before, const LiveModel& mod
   state = startState(model);
   state.index = now;
   state.speed.setZero();
-  book(std::max(0.0, liveEnergy(model, state, pose, twist, gravity) - before));
+  book(liveEnergy(model, state, pose, twist, gravity) - before);
   return Verdict::damped;
 }
 

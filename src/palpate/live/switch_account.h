@@ -6,12 +6,14 @@ namespace palpate {
 
 /// Account of the energy at changes of live models (docs/live.md, energy). A new model tells another energy for the
 /// same motion of the handle; where that is more, the tick would hand out what nobody has put in. What link and
-/// material dissipate pays for it, up to a cap; what is not paid for is taken from the modes' motion, or the model is
+/// material dissipate pays for it, up to a cap; what is not paid for is taken from the modes' motion, as far as that
+/// goes: a contact that the old model did not know of brings energy that is there. A model that brings far too much is
 /// refused.
 class SwitchAccount {
  public:
-  static constexpr double kCap = 0.02;    ///< of what is saved up [J]
-  static constexpr int kMostRefused = 3;  ///< in a row; the next is taken at rest
+  static constexpr double kCap = 0.02;         ///< of what is saved up [J]
+  static constexpr double kAbsurdSpeed = 1.0;  ///< a rise by what the tool would have at it is refused [m/s]
+  static constexpr int kMostRefused = 3;       ///< in a row; the next is taken at rest
   enum class Verdict { taken, damped, refused };
 
   /// Dissipated in a tick [J].

@@ -263,7 +263,7 @@ struct SceneConfig {
   bool substeps_auto = false;           ///< as many as fit the time; `substeps` is 1 then
   double haptic_step = 0.001;           ///< [s]
   int latency = 1;                      ///< visual steps until a step's result reaches the haptic loop
-  MethodName method = MethodName::hsl;
+  MethodName method = MethodName::live;
   AimName aim = AimName::sample;
   DerivativeName derivative = DerivativeName::frozen;
   LiveSettings live;                 ///< of method `live`

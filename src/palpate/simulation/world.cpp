@@ -246,7 +246,7 @@ constexpr double kWholeShare = 1.0, kPartShare = 0.3;
 // an end whose energy is beyond what work explains, by this share of it and this much [J], is not believed
 constexpr double kEnergyShare = 0.03, kEnergyFloor = 1e-4;
 // corrections that come with a path bring some of their own
-constexpr double kFollowingFloor = 5e-3;
+constexpr double kFollowingFloor = 1e-3;
 
 // All bodies to the end of a part of a step. @returns false (nothing has happened) if it is not good enough; the last
 // try is always taken

@@ -3,26 +3,21 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <atomic>
 #include <cmath>
-#include <exception>
-#include <mutex>
-#include <thread>
 
 #include "palpate/common/error.h"
-#include "palpate/common/parallel.h"
 #include "palpate/haptics/device_filter.h"
 #include "palpate/scene/builder.h"
 #include "palpate/scene/checks.h"
 #include "palpate/scene/overrides.h"
 #include "palpate/scene/text.h"
 #include "palpate/session/lockstep.h"
+#include "palpate/study/side_by_side.h"
 #include "palpate/visual/visual_step.h"
 
 namespace palpate {
 namespace {
 
-constexpr int kThreads = 2;
 constexpr double kMostTicks = 200000;  // all traces of a scene are in memory at once
 constexpr std::size_t kMostVisualSteps = 16;
 constexpr double kOnsetShare = 0.1;  // of the reference's peak
@@ -55,58 +50,9 @@ RunTrace trace(const SceneConfig& config, bool with_motion, const std::function<
   return out;
 }
 
-/// Jobs that do not depend on each other, and the cost of each for the progress shown.
-class Jobs {
- public:
-  void add(double cost, std::function<void(const std::function<void(double)>&)> work) {
-    jobs_.push_back({cost, 0.0, std::move(work), nullptr});
-    total_ += cost;
-  }
+}  // namespace
 
-  /// Runs all; of several that fail, the first added throws.
-  void run(const std::function<void(double)>& progress) {
-    std::atomic<std::size_t> next{0};
-    const auto worker = [&] {
-      for (std::size_t i = next++; i < jobs_.size(); i = next++) {
-        try {
-          jobs_[i].work([&, i](double share) { report(i, share, progress); });
-        } catch (...) {
-          jobs_[i].failure = std::current_exception();
-          next = jobs_.size();  // the rest would be for nothing
-        }
-      }
-    };
-    const ExecutorScope alone(nullptr);  // runs side by side need no help within
-    std::vector<std::thread> threads;
-    for (int k = 1; k < kThreads; ++k) threads.emplace_back(worker);
-    worker();
-    for (std::thread& t : threads) t.join();
-    for (const Job& job : jobs_) {
-      if (job.failure) std::rethrow_exception(job.failure);
-    }
-  }
-
- private:
-  struct Job {
-    double cost, share;
-    std::function<void(const std::function<void(double)>&)> work;
-    std::exception_ptr failure;
-  };
-
-  void report(std::size_t job, double share, const std::function<void(double)>& progress) {
-    const std::lock_guard lock(mutex_);
-    jobs_[job].share = share;
-    double done = 0;
-    for (const Job& j : jobs_) done += j.cost * j.share;
-    progress(done / total_);
-  }
-
-  std::vector<Job> jobs_;
-  double total_ = 0;
-  std::mutex mutex_;
-};
-
-SceneConfig variant(const SceneConfig& config, const std::string& method, double visual_step) {
+SceneConfig variantOf(const SceneConfig& config, const std::string& method, double visual_step) {
   SceneConfig out = config;
   Overrides overrides;
   overrides.method = method;
@@ -114,8 +60,6 @@ SceneConfig variant(const SceneConfig& config, const std::string& method, double
   applyOverrides(out, overrides);
   return out;
 }
-
-}  // namespace
 
 void checkStudy(const SceneConfig& config, const StudySettings& settings) {
   const std::vector<std::string>& known = methodNames();
@@ -135,7 +79,7 @@ void checkStudy(const SceneConfig& config, const StudySettings& settings) {
                      fmt::format("a study holds at most {:.0f} haptic ticks, which is {} s here", kMostTicks,
                                  kMostTicks * config.haptic_step));
   }
-  for (const double visual_step : settings.visual_steps) variant(config, settings.methods.front(), visual_step);
+  for (const double visual_step : settings.visual_steps) variantOf(config, settings.methods.front(), visual_step);
 }
 
 namespace {
@@ -222,7 +166,7 @@ SceneStudy evaluateScene(const SceneConfig& scene, const StudySettings& settings
   const SceneConfig reference_config = referenceConfig(scene);
   const auto steps = [&](double visual_step) { return scene.duration / visual_step; };
 
-  Jobs jobs;
+  SideBySide jobs;
   RunTrace reference;
   const double fine = steps(reference_config.visual_step);
   jobs.add(fine, [&](const auto& share) { reference = trace(reference_config, true, share); });
@@ -231,7 +175,7 @@ SceneStudy evaluateScene(const SceneConfig& scene, const StudySettings& settings
   for (std::size_t k = 0; k < settings.visual_steps.size(); ++k) {
     const double visual_step = settings.visual_steps[k];
     for (std::size_t m = 0; m < settings.methods.size(); ++m) {
-      const SceneConfig config = variant(study.config, settings.methods[m], visual_step);
+      const SceneConfig config = variantOf(study.config, settings.methods[m], visual_step);
       RunTrace& out = runs[study.rows.size()];
       jobs.add(steps(visual_step), [config, &out](const auto& share) { out = trace(config, false, share); });
       StudyRow row;

@@ -2,6 +2,7 @@
 
 #include <filesystem>
 #include <functional>
+#include <nlohmann/json_fwd.hpp>
 #include <optional>
 #include <string>
 #include <vector>
@@ -45,6 +46,9 @@ struct SceneStudy {
   std::vector<StudyRow> rows;
 };
 
+/// The scene with a method and a visual step [s]. @throws InputError as its reader does
+SceneConfig variantOf(const SceneConfig& config, const std::string& method, double visual_step);
+
 /// Whether a study can be made at all. @throws InputError naming the option
 void checkStudy(const SceneConfig& config, const StudySettings& settings);
 
@@ -70,7 +74,9 @@ WrenchTrace idealRendering(const SceneConfig& config, double visual_step);
 std::string studyTable(const std::vector<SceneStudy>& studies);
 
 /// Writes summary.json and report.html.
+/// @param hands  rows of the study with hands, if there is one (hands.h)
 /// @throws InputError if the folder cannot be written
-void writeStudy(const std::vector<SceneStudy>& studies, const std::filesystem::path& folder);
+void writeStudy(const std::vector<SceneStudy>& studies, const std::filesystem::path& folder,
+                const nlohmann::ordered_json& hands);
 
 }  // namespace palpate

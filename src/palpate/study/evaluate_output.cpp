@@ -220,7 +220,8 @@ std::string studyTable(const std::vector<SceneStudy>& studies) {
   return out;
 }
 
-void writeStudy(const std::vector<SceneStudy>& studies, const std::filesystem::path& folder) {
+void writeStudy(const std::vector<SceneStudy>& studies, const std::filesystem::path& folder,
+                const nlohmann::ordered_json& hands) {
   OutputFolder out(folder);
   nlohmann::ordered_json j;
   j["rows"] = nlohmann::ordered_json::array();
@@ -229,6 +230,7 @@ void writeStudy(const std::vector<SceneStudy>& studies, const std::filesystem::p
     for (const StudyRow& row : study.rows) j["rows"].push_back(rowJson(study, row));
     j["references"].push_back(referenceJson(study));
   }
+  if (!hands.empty()) j["hands"] = hands;
   writeReport(out.stage("report.html"), studyReport(studies));
   writeJson(out.stage("summary.json"), j);
   out.commit();

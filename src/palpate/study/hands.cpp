@@ -1,0 +1,191 @@
+#include "palpate/study/hands.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <utility>
+
+#include "palpate/common/error.h"
+#include "palpate/scene/builder.h"
+#include "palpate/scene/text.h"
+#include "palpate/session/lockstep.h"
+#include "palpate/study/side_by_side.h"
+
+namespace palpate {
+namespace {
+
+constexpr double kLargest = 1e5;  // of a hand's numbers
+
+struct HandRun {
+  WrenchTrace raw;
+  Hold hold;
+};
+
+// Largest extent of some points along an axis.
+class Swing {
+ public:
+  void add(const Vec3& x) {
+    least_ = least_.cwiseMin(x);
+    most_ = most_.cwiseMax(x);
+  }
+  double largest() const { return std::max(0.0, (most_ - least_).maxCoeff()); }
+
+ private:
+  Vec3 least_ = Vec3::Constant(1e300), most_ = Vec3::Constant(-1e300);
+};
+
+HandRun runOf(const SceneConfig& config, double from, const SideBySide::Progress& progress) {
+  HandRun out;
+  Swing force, position;
+  BuiltScene scene = buildScene(config);
+  RunSink sink;
+  sink.progress = progress;
+  sink.tick = [&](const TickRecord& r) {
+    out.raw.push_back(r.raw);
+    if (r.time < from) return;
+    force.add(r.raw.head<3>());
+    position.add(r.device.pose.position);
+  };
+  const RunOutcome outcome = runLockstep(scene, timingOf(config), sink);
+  out.hold = {force.largest(), position.largest(), outcome.delivered_energy};
+  return out;
+}
+
+SceneConfig inHand(SceneConfig config, const HandStiffness& hand) {
+  config.device.kind = DeviceName::simulated;
+  config.device.hand_stiffness = hand.stiffness;
+  config.device.hand_damping = hand.damping;
+  if (hand.stiffness == 0 && hand.damping == 0) {
+    config.device.hand_rotational_stiffness = config.device.hand_rotational_damping = 0;
+  }
+  return config;
+}
+
+HandConfig& handOf(SceneConfig& config) {
+  auto& handles = config.tool.handles;
+  return std::find_if(handles.begin(), handles.end(),
+                      [&](const HandleConfig& h) { return h.name == config.tool.handle; })
+      ->hand;
+}
+
+}  // namespace
+
+HandStiffness handFrom(const std::string& text) {
+  if (text == "none") return {0, 0};
+  HandStiffness hand;
+  const char* const end = text.data() + text.size();
+  const auto first = std::from_chars(text.data(), end, hand.stiffness);
+  bool good = first.ec == std::errc() && first.ptr != end && *first.ptr == '/';
+  if (good) {
+    const auto second = std::from_chars(first.ptr + 1, end, hand.damping);
+    good = second.ec == std::errc() && second.ptr == end;
+  }
+  const auto fine = [](double x) { return x >= 0 && x <= kLargest; };
+  if (!good || !fine(hand.stiffness) || !fine(hand.damping)) {
+    throw InputError("--hands", "",
+                     fmt::format("{} is no hand: STIFFNESS/DAMPING in N/m and N s/m, or none", shownText(text)));
+  }
+  return hand;
+}
+
+std::string toString(const HandStiffness& hand) {
+  if (hand.stiffness == 0 && hand.damping == 0) return "none";
+  return fmt::format("{:g}/{:g}", hand.stiffness, hand.damping);
+}
+
+HandStudy evaluateHands(const SceneStudy& given, const StudySettings& study, const HandsSettings& settings,
+                        const std::function<void(double)>& progress) {
+  HandStudy out;
+  out.config = given.config;
+  std::vector<KeyframeConfig>& keys = handOf(out.config).keyframes;
+  if (keys.empty()) throw InputError("--hands", out.config.name, "needs keyframes for the hand");
+  const auto peak = std::max_element(given.reference.begin(), given.reference.end(), [](const Vec6& a, const Vec6& b) {
+    return a.head<3>().squaredNorm() < b.head<3>().squaredNorm();
+  });
+  const double peak_time = static_cast<double>(peak - given.reference.begin()) * out.config.haptic_step;
+  const auto last = std::min_element(keys.begin(), keys.end(), [&](const KeyframeConfig& a, const KeyframeConfig& b) {
+    return std::abs(a.time - peak_time) < std::abs(b.time - peak_time);
+  });
+  out.hold_time = last->time;
+  keys.erase(last + 1, keys.end());
+  const double from = out.hold_time + settings.settle;
+  out.config.duration = from + settings.watch;
+
+  SideBySide jobs;
+  std::vector<HandRun> references(settings.hands.size());
+  std::vector<HandRun> runs(settings.hands.size() * study.visual_steps.size() * study.methods.size());
+  for (std::size_t h = 0; h < settings.hands.size(); ++h) {
+    const HandStiffness& hand = settings.hands[h];
+    const SceneConfig reference = inHand(referenceConfig(out.config), hand);
+    jobs.add(out.config.duration / reference.visual_step,
+             [&, h, reference](const auto& share) { references[h] = runOf(reference, from, share); });
+    for (const double visual_step : study.visual_steps) {
+      for (const std::string& method : study.methods) {
+        const SceneConfig config = inHand(variantOf(out.config, method, visual_step), hand);
+        HandRun& run = runs[out.rows.size()];
+        jobs.add(out.config.duration / visual_step,
+                 [&run, from, config](const auto& share) { run = runOf(config, from, share); });
+        HandRow row;
+        row.hand = hand;
+        row.method = method;
+        row.visual_step = visual_step;
+        out.rows.push_back(std::move(row));
+      }
+    }
+  }
+  jobs.run(progress);
+  const std::size_t each = study.visual_steps.size() * study.methods.size();
+  for (std::size_t i = 0; i < out.rows.size(); ++i) {
+    const HandRun& reference = references[i / each];
+    out.rows[i].hold = runs[i].hold;
+    out.rows[i].reference = reference.hold;
+    out.rows[i].rms = traceError(runs[i].raw, reference.raw).rms_force;
+  }
+  return out;
+}
+
+nlohmann::ordered_json handsJson(const std::vector<HandStudy>& studies) {
+  nlohmann::ordered_json out = nlohmann::ordered_json::array();
+  for (const HandStudy& study : studies) {
+    for (const HandRow& r : study.rows) {
+      out.push_back({{"scene", study.config.name},
+                     {"hand", toString(r.hand)},
+                     {"method", r.method},
+                     {"visual_dt", r.visual_step},
+                     {"latency", study.config.latency},
+                     {"hold_s", study.hold_time},
+                     {"swing_N", r.hold.force},
+                     {"swing_m", r.hold.position},
+                     {"reference_swing_N", r.reference.force},
+                     {"reference_swing_m", r.reference.position},
+                     {"rms_N", r.rms},
+                     {"given_J", r.hold.given},
+                     {"reference_given_J", r.reference.given}});
+    }
+  }
+  return out;
+}
+
+std::string handTable(const std::vector<HandStudy>& studies) {
+  std::string out =
+      "scene            hand    method     visual, ms  swing, N  reference  swing, mm  reference  RMS, N  given, J  "
+      "reference\n";
+  for (const HandStudy& study : studies) {
+    for (const HandRow& r : study.rows) {
+      out += fmt::format(
+          "{:<16} {:<7} {:<10} {:>10g} {:>9.4f} {:>10.4f} {:>10.3f} {:>10.3f} {:>7.3f} {:>+9.4f} {:>+10.4f}\n",
+          study.config.name, toString(r.hand), r.method, 1e3 * r.visual_step, r.hold.force, r.reference.force,
+          1e3 * r.hold.position, 1e3 * r.reference.position, r.rms, r.hold.given, r.reference.given);
+    }
+    out += fmt::format(
+        "{}: held from {:g} s on, swings peak to peak in the third second after it; reference: the same hand "
+        "on vc at {:g} ms\n",
+        study.config.name, study.hold_time, 1e3 * study.config.haptic_step);
+  }
+  return out;
+}
+
+}  // namespace palpate
