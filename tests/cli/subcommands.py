@@ -344,7 +344,7 @@ def stress_case(name):
         expect(summary["nan"] == 0, f"{summary['nan']} steps were not finite")
         expect(summary["wrong_side"] == 0, f"{summary['wrong_side']} vertices on the wrong side after calm")
         expect(0 <= summary["deepest_penetration_rel"] < 0.02, f"penetration {summary['deepest_penetration_rel']}")
-        expect(0 < summary["max_energy_J"] < 100, f"energy {summary['max_energy_J']} J")
+        expect(summary["max_energy_J"] > 0, "a violent hand gives no energy")
         expect({p.name for p in context.out.iterdir()} == {"summary.json"}, "other files were written")
 
     CASES[f"stress-{name}"] = run
@@ -411,6 +411,21 @@ def evaluate_compares_methods(context):
     expect({r["method"] for r in rows} >= {"hsl", "vc"}, f"methods {[r['method'] for r in rows]}")
     for row in rows:
         require_keys("row", row, keys("scene", "method", "visual_dt", "latency", "rms_N", "peak_error_N"))
+
+
+@case
+def evaluate_holds_the_device_in_hands(context):
+    """A given motion says nothing of a soft hand."""
+    scene = context.file("scene.yaml", SCENE)
+    for hand in ("500", "500/", "-1/2", "1/nan", "some", "500/8/1"):
+        context.rejects(["evaluate", scene, "--hands", hand], ("--hands", hand))
+    context.succeeds(["evaluate", scene, "--methods", "live", "--visual-dt", "0.02", "--hands", "500/8,none",
+                      "--out", context.out])
+    rows = context.summary()["hands"]
+    expect([r["hand"] for r in rows] == ["500/8", "none"], f"hands {[r['hand'] for r in rows]}")
+    for row in rows:
+        require_keys("row", row, keys("scene", "method", "visual_dt", "swing_N", "swing_m", "reference_swing_N",
+                                      "reference_swing_m", "rms_N", "given_J", "reference_given_J"))
 
 
 class Served:
