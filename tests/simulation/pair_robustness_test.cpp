@@ -167,9 +167,9 @@ TEST(Sheet, SoftBallStaysOnTop) {
 
 // --- deep starts
 
-// 5 mm at the recovery speed are 10 ms, one step where steps are longer; soft bodies give way first. A free box pushed at
-// a corner with the speed v along a face also turns: its corner moves at up to 1.25 v, where the box is twice as long
-// along the push as across it (sideways a b / (4 a^2 / 3 + b^2 / 3) of v, for half lengths a and b).
+// 5 mm at the recovery speed are 10 ms, one step where steps are longer; soft bodies give way first. A free box pushed
+// at a corner with the speed v along a face also turns: its corner moves at up to 1.25 v, where the box is twice as
+// long along the push as across it (sideways a b / (4 a^2 / 3 + b^2 / 3) of v, for half lengths a and b).
 void expectComesApartGently(World& world, double h) {
   double speed = 0;
   int apart = -1;

@@ -6,8 +6,8 @@
 namespace palpate {
 namespace {
 
-constexpr double kAlike = 0.7;          // cosine of the normals within a cluster
-constexpr double kFarthest = 0.03;      // that a surface is followed ahead [m]
+constexpr double kAlike = 0.7;      // cosine of the normals within a cluster
+constexpr double kFarthest = 0.03;  // that a surface is followed ahead [m]
 
 Contact turnedAround(Contact c) {
   std::swap(c.first, c.second);
