@@ -410,7 +410,11 @@ def evaluate_compares_methods(context):
     rows = context.summary()["rows"]
     expect({r["method"] for r in rows} >= {"hsl", "vc"}, f"methods {[r['method'] for r in rows]}")
     for row in rows:
-        require_keys("row", row, keys("scene", "method", "visual_dt", "latency", "rms_N", "peak_error_N"))
+        require_keys("row", row, keys("scene", "method", "visual_dt", "latency", "rms_N", "peak_error_N", "rms_Nm",
+                                      "reference_peak_N", "floor_rms_N", "switch_N", "returned_J",
+                                      "reference_returned_J"))
+        for name in ("drag_N", "onset_s", "release_s", "glue_Ns"):
+            expect(name in row, f"no {name}, not even null")
 
 
 @case
@@ -421,11 +425,11 @@ def evaluate_holds_the_device_in_hands(context):
         context.rejects(["evaluate", scene, "--hands", hand], ("--hands", hand))
     context.succeeds(["evaluate", scene, "--methods", "live", "--visual-dt", "0.02", "--hands", "500/8,none",
                       "--out", context.out])
-    rows = context.summary()["hands"]
+    rows = [r for r in context.summary()["rows"] if "hand" in r]
     expect([r["hand"] for r in rows] == ["500/8", "none"], f"hands {[r['hand'] for r in rows]}")
     for row in rows:
-        require_keys("row", row, keys("scene", "method", "visual_dt", "swing_N", "swing_m", "reference_swing_N",
-                                      "reference_swing_m", "rms_N", "given_J", "reference_given_J"))
+        require_keys("row", row, keys("scene", "method", "visual_dt", "hold_pk_N", "hold_pk_mm", "reference_hold_pk_N",
+                                      "reference_hold_pk_mm", "rms_N", "returned_J", "reference_returned_J"))
 
 
 class Served:

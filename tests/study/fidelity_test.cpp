@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 
 #include "palpate/math/rotation.h"
@@ -120,6 +121,54 @@ TEST(Onset, RiseIsRelativeToTheForceAtContact) {
   EXPECT_NEAR(*forceRise(trace, 100, 0.305, kDt), 0.031, 1e-12);
   EXPECT_NEAR(*forceRise(trace, 50, 0.305, kDt), 0.081, 1e-12);  // the same instant
   EXPECT_FALSE(forceRise(trace, 100, 2.0, kDt));
+}
+
+// Contact until tick 1000, force along z; it goes off in a straight line, `late` ticks later than that.
+WrenchTrace releasedAt(std::size_t late) {
+  WrenchTrace trace(1600, Vec6::Zero());
+  for (std::size_t i = 0; i < trace.size(); ++i) {
+    const double left = (1000.0 + static_cast<double>(late) - static_cast<double>(i)) / 500.0;
+    trace[i][2] = 0.5 + std::clamp(2.0 * left, 0.0, 2.0);
+  }
+  return trace;
+}
+
+TEST(Release, IsTheEndOfTheLastContactBeforeFreeAir) {
+  std::vector<char> touching(1600, 0);
+  EXPECT_FALSE(contactRelease(touching, 0.001));
+  std::fill(touching.begin() + 100, touching.begin() + 200, 1);
+  std::fill(touching.begin() + 400, touching.begin() + 1000, 1);
+  EXPECT_EQ(contactRelease(touching, 0.001), 1000u);
+  touching[1400] = 1;  // no 0.3 s are left
+  EXPECT_FALSE(contactRelease(touching, 0.001));
+}
+
+TEST(Release, OfTheForceIsWhenItStaysNearThatOfFreeAir) {
+  const Vec3 free(0, 0, 0.5);
+  // 0.2 N are left 50 ticks before the end of the line
+  EXPECT_NEAR(*forceRelease(releasedAt(0), 1000, free, 0.2, 0.001), -0.049, 0.0011);
+  EXPECT_NEAR(*forceRelease(releasedAt(90), 1000, free, 0.2, 0.001), 0.041, 0.0011);
+  EXPECT_FALSE(forceRelease(releasedAt(500), 1000, free, 0.2, 0.001));
+}
+
+TEST(Release, GlueIsTheImpulseOfTheError) {
+  const WrenchTrace reference = releasedAt(0);
+  EXPECT_EQ(glue(reference, reference, 1000, 0.001), 0.0);
+  // a triangle of 100 ms and 0.4 N
+  EXPECT_NEAR(glue(releasedAt(100), reference, 1000, 0.001), 0.5 * 0.1 * 0.4, 1e-3);
+}
+
+TEST(SwitchStep, IsTheLargestAtANewModelBeyondTheReferences) {
+  const WrenchTrace reference = releasedAt(0);
+  WrenchTrace trace = reference;
+  for (std::size_t i = 700; i < trace.size(); ++i) trace[i][0] += 0.3;
+  for (std::size_t i = 800; i < trace.size(); ++i) trace[i][0] -= 0.7;
+  std::vector<char> switched(trace.size(), 0);
+  EXPECT_EQ(switchStep(trace, reference, switched), 0.0);
+  switched[700] = 1;
+  EXPECT_NEAR(switchStep(trace, reference, switched), std::hypot(0.3, 0.004) - 0.004, 1e-9);
+  switched[800] = 1;
+  EXPECT_NEAR(switchStep(trace, reference, switched), std::hypot(0.7, 0.004) - 0.004, 1e-9);
 }
 
 TEST(Energy, IsTheWorkOnTheHand) {

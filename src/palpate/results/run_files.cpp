@@ -203,9 +203,9 @@ struct RunFiles::Impl {
   }
 
   // Of the ticks in which the device could not give the force asked for.
-  static double clampedShare(const RunOutcome& outcome) {
-    const auto clamped = static_cast<double>(outcome.counters[TickFlag::force_clamped]);
-    return outcome.ticks > 0 ? clamped / static_cast<double>(outcome.ticks) : 0.0;
+  static double shareOf(const RunOutcome& outcome, TickFlag flag) {
+    const auto flagged = static_cast<double>(outcome.counters[flag]);
+    return outcome.ticks > 0 ? flagged / static_cast<double>(outcome.ticks) : 0.0;
   }
 
   nlohmann::ordered_json summary(const BuiltScene& scene, const RunOutcome& outcome) const {
@@ -239,7 +239,8 @@ struct RunFiles::Impl {
                    {"ticks", outcome.ticks},
                    {"tick_us", {{"p50", outcome.tick_us[0]}, {"p99", outcome.tick_us[1]}, {"max", outcome.tick_us[2]}}},
                    {"missed", outcome.missed},
-                   {"clamped_share", clampedShare(outcome)}};
+                   {"clamped_share", shareOf(outcome, TickFlag::force_clamped)},
+                   {"stale_share", shareOf(outcome, TickFlag::model_stale)}};
     if (outcome.realtime) {
       j["haptic"]["wake_us"] = {{"p50", outcome.wake_us[0]}, {"p99", outcome.wake_us[1]}, {"max", outcome.wake_us[2]}};
       j["haptic"]["dropped_rows"] = outcome.dropped_rows;
@@ -421,7 +422,7 @@ void RunFiles::finish(const BuiltScene& scene, const RunOutcome& outcome, const 
   add("deepest penetration", plain({i.maxOf(i.penetration_mm)}), "mm");
   add("force on the hand: peak, RMS",
       plain({i.peak_force, std::sqrt(i.force_squares / static_cast<double>(std::max<std::int64_t>(1, i.ticks)))}), "N");
-  if (const double share = Impl::clampedShare(outcome); share > kMuchClamped) {
+  if (const double share = Impl::shareOf(outcome, TickFlag::force_clamped); share > kMuchClamped) {
     add(fmt::format("force held at the device's {:g} N", i.config.device.limits.peak_force),
         fmt::format("{:.1f}", 100 * share), "% of ticks");
   }

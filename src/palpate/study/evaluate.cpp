@@ -27,6 +27,7 @@ struct RunTrace {
   WrenchTrace raw;
   MotionTrace motion;          // of the reference only
   std::vector<char> touching;  // of the reference only
+  std::vector<char> switched;
   int restored = 0;
 };
 
@@ -34,6 +35,7 @@ RunTrace trace(const SceneConfig& config, bool with_motion, const std::function<
   RunTrace out;
   BuiltScene scene = buildScene(config);
   bool touching = false;
+  double age = 0;
   RunSink sink;
   sink.progress = progress;
   sink.visual = [&](const VisualRecord& r) {
@@ -42,6 +44,8 @@ RunTrace trace(const SceneConfig& config, bool with_motion, const std::function<
   };
   sink.tick = [&](const TickRecord& r) {
     out.raw.push_back(r.raw);
+    out.switched.push_back(r.model_age < age ? 1 : 0);
+    age = r.model_age;
     if (!with_motion) return;
     out.motion.push_back(r.device);
     out.touching.push_back(touching ? 1 : 0);
@@ -114,10 +118,24 @@ void measure(SceneStudy& study, const std::vector<char>& touching) {
     study.contact_time = static_cast<double>(*contact) * dt;
     reference_rise = forceRise(study.reference, *contact, threshold, dt);
   }
+  const std::optional<std::size_t> ended = contactRelease(touching, dt);
+  std::optional<Vec3> free_force;
+  std::optional<double> reference_release;
+  if (ended) {
+    study.release_time = static_cast<double>(*ended) * dt;
+    free_force = study.reference[*ended + static_cast<std::size_t>(std::llround(0.3 / dt))].head<3>();
+    reference_release = forceRelease(study.reference, *ended, *free_force, threshold, dt);
+  }
   for (StudyRow& row : study.rows) {
     row.error = traceError(row.trace, study.reference);
     row.drag = drag(row.trace, study.reference, study.motion, study.segments);
     row.returned = returnedEnergy(row.trace, study.motion);
+    row.switch_step = switchStep(row.trace, study.reference, row.switched);
+    if (free_force) {
+      const std::optional<double> release = forceRelease(row.trace, *ended, *free_force, threshold, dt);
+      if (release && reference_release) row.release = *release - *reference_release;
+      row.glue = glue(row.trace, study.reference, *ended, dt);
+    }
     if (!reference_rise) continue;
     const std::optional<double> rise = forceRise(row.trace, *contact, threshold, dt);
     if (rise) row.onset = *rise - *reference_rise;
@@ -195,6 +213,7 @@ SceneStudy evaluateScene(const SceneConfig& scene, const StudySettings& settings
   for (std::size_t i = 0; i < study.rows.size(); ++i) {
     const TraceError floor = traceError(floors[i / settings.methods.size()], study.reference);
     study.rows[i].trace = std::move(runs[i].raw);
+    study.rows[i].switched = std::move(runs[i].switched);
     study.rows[i].restored = runs[i].restored;
     study.rows[i].floor_rms = floor.rms_force;
     study.rows[i].floor_rms_torque = floor.rms_torque;

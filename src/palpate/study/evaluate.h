@@ -24,13 +24,17 @@ struct StudyRow {
   std::string method;
   double visual_step = 0;  ///< [s]
   TraceError error;
-  std::optional<double> drag;   ///< [N]
-  std::optional<double> onset;  ///< later than the reference [s]
-  double returned = 0;          ///< [J]
-  double floor_rms = 0;         ///< error of the same coarse steps, rendered ideally [N]
-  double floor_rms_torque = 0;  ///< [N m]
-  int restored = 0;             ///< visual steps that failed
+  std::optional<double> drag;     ///< [N]
+  std::optional<double> onset;    ///< later than the reference [s]
+  std::optional<double> release;  ///< of the last contact, later than the reference [s]
+  std::optional<double> glue;     ///< impulse of the force error after it [N s]
+  double switch_step = 0;         ///< largest of the force at a new model, beyond the reference's [N]
+  double returned = 0;            ///< [J]
+  double floor_rms = 0;           ///< error of the same coarse steps, rendered ideally [N]
+  double floor_rms_torque = 0;    ///< [N m]
+  int restored = 0;               ///< visual steps that failed
   WrenchTrace trace;
+  std::vector<char> switched;  ///< per tick: a new model came into use
 };
 
 /// A scene's study: one motion of the device, the reference, and all rows in the order visual step, method.
@@ -43,6 +47,7 @@ struct SceneStudy {
   std::optional<TraceError> reference_error;  ///< against half the step, where asked for
   std::vector<TickRange> segments;            ///< on which drag is measured
   std::optional<double> contact_time;         ///< at which the reference's first contact begins [s]
+  std::optional<double> release_time;         ///< at which its last one ends [s]
   std::vector<StudyRow> rows;
 };
 
@@ -74,7 +79,7 @@ WrenchTrace idealRendering(const SceneConfig& config, double visual_step);
 std::string studyTable(const std::vector<SceneStudy>& studies);
 
 /// Writes summary.json and report.html.
-/// @param hands  rows of the study with hands, if there is one (hands.h)
+/// @param hands  more rows: of the study with hands, if there is one (hands.h)
 /// @throws InputError if the folder cannot be written
 void writeStudy(const std::vector<SceneStudy>& studies, const std::filesystem::path& folder,
                 const nlohmann::ordered_json& hands);

@@ -40,6 +40,9 @@ nlohmann::ordered_json rowJson(const SceneStudy& study, const StudyRow& row) {
           {"floor_rms_N", row.floor_rms},
           {"floor_rms_Nm", row.floor_rms_torque},
           {"onset_s", orNull(row.onset)},
+          {"release_s", orNull(row.release)},
+          {"glue_Ns", orNull(row.glue)},
+          {"switch_N", row.switch_step},
           {"returned_J", row.returned},
           {"reference_returned_J", study.reference_returned},
           {"failed_steps", row.restored}};
@@ -57,6 +60,7 @@ nlohmann::ordered_json referenceJson(const SceneStudy& study) {
                            {"peak_N", study.reference_peak},
                            {"returned_J", study.reference_returned},
                            {"contact_s", orNull(study.contact_time)},
+                           {"release_s", orNull(study.release_time)},
                            {"drag_segments_s", segments}};
   if (study.reference_error) {
     j["half_step_rms_N"] = study.reference_error->rms_force;
@@ -230,7 +234,7 @@ void writeStudy(const std::vector<SceneStudy>& studies, const std::filesystem::p
     for (const StudyRow& row : study.rows) j["rows"].push_back(rowJson(study, row));
     j["references"].push_back(referenceJson(study));
   }
-  if (!hands.empty()) j["hands"] = hands;
+  for (const auto& row : hands) j["rows"].push_back(row);
   writeReport(out.stage("report.html"), studyReport(studies));
   writeJson(out.stage("summary.json"), j);
   out.commit();

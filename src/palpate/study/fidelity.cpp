@@ -97,6 +97,54 @@ std::optional<double> forceRise(const WrenchTrace& trace, std::size_t tick, doub
   return std::nullopt;
 }
 
+namespace {
+
+constexpr double kFree = 0.3;  // without contact after a release [s]
+constexpr double kGlue = 0.2;  // [s]
+
+}  // namespace
+
+std::optional<std::size_t> contactRelease(const std::vector<char>& touching, double dt) {
+  const std::size_t free = ticksIn(kFree, dt);
+  for (std::size_t i = touching.size(); i-- > 0;) {
+    if (!touching[i]) continue;
+    if (i + 1 + free >= touching.size()) return std::nullopt;
+    return i + 1;
+  }
+  return std::nullopt;
+}
+
+std::optional<double> forceRelease(const WrenchTrace& trace, std::size_t tick, const Vec3& free, double threshold,
+                                   double dt) {
+  const std::size_t around = ticksIn(kFree, dt), first = tick > around ? tick - around : 0;
+  std::size_t i = std::min(tick + around, trace.size());
+  const std::size_t end = i;
+  while (i > first && (trace[i - 1].head<3>() - free).norm() <= threshold) --i;
+  if (i == end || i == first) return std::nullopt;
+  return (static_cast<double>(i) - static_cast<double>(tick)) * dt;
+}
+
+double glue(const WrenchTrace& trace, const WrenchTrace& reference, std::size_t tick, double dt) {
+  requireSameLength(trace.size(), reference.size());
+  double sum = 0;
+  for (std::size_t i = tick; i < std::min(tick + ticksIn(kGlue, dt), trace.size()); ++i) {
+    sum += (trace[i] - reference[i]).head<3>().norm() * dt;
+  }
+  return sum;
+}
+
+double switchStep(const WrenchTrace& trace, const WrenchTrace& reference, const std::vector<char>& switched) {
+  requireSameLength(trace.size(), reference.size());
+  requireSameLength(trace.size(), switched.size());
+  double largest = 0;
+  for (std::size_t i = 1; i < trace.size(); ++i) {
+    if (!switched[i]) continue;
+    const double own = (trace[i] - trace[i - 1]).head<3>().norm();
+    largest = std::max(largest, own - (reference[i] - reference[i - 1]).head<3>().norm());
+  }
+  return largest;
+}
+
 double returnedEnergy(const WrenchTrace& trace, const MotionTrace& motion) {
   requireSameLength(trace.size(), motion.size());
   double energy = 0;

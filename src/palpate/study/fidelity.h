@@ -48,6 +48,21 @@ std::optional<std::size_t> contactOnset(const std::vector<char>& touching);
 /// Time after `tick` at which the force has first changed by more than `threshold` [s]; none if it never does.
 std::optional<double> forceRise(const WrenchTrace& trace, std::size_t tick, double threshold, double dt);
 
+/// Tick at which the last contact ends, if nothing touches for 0.3 s after it; none otherwise.
+std::optional<std::size_t> contactRelease(const std::vector<char>& touching, double dt);
+
+/// Time after `tick` until the force stays within `threshold` of `free` for the rest of 0.3 s [s]; negative where it
+/// already did before, back to 0.3 s; none if it never does.
+std::optional<double> forceRelease(const WrenchTrace& trace, std::size_t tick, const Vec3& free, double threshold,
+                                   double dt);
+
+/// Impulse of the force error in the 0.2 s after `tick` [N s].
+double glue(const WrenchTrace& trace, const WrenchTrace& reference, std::size_t tick, double dt);
+
+/// Largest step of the force at a tick with a new model, beyond the reference's step there [N].
+/// @param switched  per tick: a new model came into use
+double switchStep(const WrenchTrace& trace, const WrenchTrace& reference, const std::vector<char>& switched);
+
 /// Work of the wrench, held during each tick, on the hand [J]; positive: energy went to the hand.
 double returnedEnergy(const WrenchTrace& trace, const MotionTrace& motion);
 

@@ -142,7 +142,8 @@ HandStudy evaluateHands(const SceneStudy& given, const StudySettings& study, con
     const HandRun& reference = references[i / each];
     out.rows[i].hold = runs[i].hold;
     out.rows[i].reference = reference.hold;
-    out.rows[i].rms = traceError(runs[i].raw, reference.raw).rms_force;
+    out.rows[i].error = traceError(runs[i].raw, reference.raw);
+    out.rows[i].reference_peak = peakForce(reference.raw);
   }
   return out;
 }
@@ -152,18 +153,21 @@ nlohmann::ordered_json handsJson(const std::vector<HandStudy>& studies) {
   for (const HandStudy& study : studies) {
     for (const HandRow& r : study.rows) {
       out.push_back({{"scene", study.config.name},
-                     {"hand", toString(r.hand)},
                      {"method", r.method},
                      {"visual_dt", r.visual_step},
                      {"latency", study.config.latency},
+                     {"hand", toString(r.hand)},
                      {"hold_s", study.hold_time},
-                     {"swing_N", r.hold.force},
-                     {"swing_m", r.hold.position},
-                     {"reference_swing_N", r.reference.force},
-                     {"reference_swing_m", r.reference.position},
-                     {"rms_N", r.rms},
-                     {"given_J", r.hold.given},
-                     {"reference_given_J", r.reference.given}});
+                     {"hold_pk_N", r.hold.force},
+                     {"hold_pk_mm", 1e3 * r.hold.position},
+                     {"reference_hold_pk_N", r.reference.force},
+                     {"reference_hold_pk_mm", 1e3 * r.reference.position},
+                     {"rms_N", r.error.rms_force},
+                     {"peak_error_N", r.error.peak_force},
+                     {"rms_Nm", r.error.rms_torque},
+                     {"reference_peak_N", r.reference_peak},
+                     {"returned_J", r.hold.given},
+                     {"reference_returned_J", r.reference.given}});
     }
   }
   return out;
@@ -178,7 +182,7 @@ std::string handTable(const std::vector<HandStudy>& studies) {
       out += fmt::format(
           "{:<16} {:<7} {:<10} {:>10g} {:>9.4f} {:>10.4f} {:>10.3f} {:>10.3f} {:>7.3f} {:>+9.4f} {:>+10.4f}\n",
           study.config.name, toString(r.hand), r.method, 1e3 * r.visual_step, r.hold.force, r.reference.force,
-          1e3 * r.hold.position, 1e3 * r.reference.position, r.rms, r.hold.given, r.reference.given);
+          1e3 * r.hold.position, 1e3 * r.reference.position, r.error.rms_force, r.hold.given, r.reference.given);
     }
     out += fmt::format(
         "{}: held from {:g} s on, swings peak to peak in the third second after it; reference: the same hand "

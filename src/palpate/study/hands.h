@@ -34,7 +34,8 @@ struct HandRow {
   std::string method;
   double visual_step = 0;  ///< [s]
   Hold hold, reference;
-  double rms = 0;  ///< of the force, against the reference in the same hand [N]
+  TraceError error;           ///< against the reference in the same hand
+  double reference_peak = 0;  ///< [N]
 };
 
 struct HandStudy {
