@@ -140,6 +140,18 @@ TEST(HapticLoop, BadModelsAreIgnoredUntilTheWatchdogActs) {
   EXPECT_EQ(loop.counters()[TickFlag::model_rejected], 599u);
 }
 
+TEST(HapticLoop, TellsForAsLongAsAModelIsOfAnUnsoundStep) {
+  HapticLoop loop(HapticSettings{});
+  loop.start(Pose{}, Pose{}, 0.0);
+  HandleModel sound, unsound;
+  unsound.unsound = true;
+  const HandleModel* const models[] = {&sound, &unsound, nullptr, nullptr, &sound};
+  for (int i = 0; i < 5; ++i) {
+    const TickRecord record = loop.tick(DeviceState{}, models[i], i * kDt);
+    EXPECT_EQ(record.flags.has(TickFlag::model_unsound), i >= 1 && i <= 3) << i;
+  }
+}
+
 TEST(HapticLoop, ViolentInputStaysWithinTheLimits) {
   std::mt19937 random(6);
   std::uniform_real_distribution<double> uniform(0.0, 1.0);

@@ -34,6 +34,18 @@ TEST(OneDExperiment, ReproducesTheTable) {
   }
 }
 
+// The tool is one mode, so the tick has all of it: what the visual step adds is nothing but when it learns of the wall.
+TEST(OneDExperiment, LiveIsTheFineSimulation) {
+  const Results results = runExperiment({});
+  for (const double visual_dt : results.config.visual_dts) {
+    const one_d::Run& run = find(results, "live", visual_dt);
+    EXPECT_LE(run.rms, 0.25) << visual_dt;
+    EXPECT_NEAR(run.drag.value(), results.reference.drag.value(), 0.02) << visual_dt;
+    const one_d::Run& hsl = find(results, "hsl", visual_dt);
+    EXPECT_LT(run.rms, hsl.rms) << visual_dt;
+  }
+}
+
 TEST(OneDExperiment, TwoRunsAgreeToTheBit) {
   const Results a = runExperiment({}), b = runExperiment({});
   ASSERT_EQ(a.runs.size(), b.runs.size());

@@ -74,7 +74,7 @@ TEST_F(OneDOutput, SummaryListsEveryRun) {
   writeResults(results, folder_);
   const auto summary = nlohmann::json::parse(read(folder_ / "summary.json"));
   EXPECT_EQ(summary.at("reference_peak_N"), results.reference_peak);
-  ASSERT_EQ(summary.at("runs").size(), 2u);
+  ASSERT_EQ(summary.at("runs").size(), 3u);
   const auto& run = summary["runs"][1];
   EXPECT_EQ(run.at("method"), "hsl");
   EXPECT_EQ(run.at("visual_dt"), 0.01);

@@ -1,15 +1,10 @@
 #include "palpate/friction/contact_solver.h"
 
 #include <algorithm>
-#include <array>
-#include <atomic>
 #include <cmath>
 #include <limits>
 #include <numbers>
-#include <stdexcept>
-#include <utility>
 
-#include "palpate/common/parallel.h"
 #include "palpate/friction/single_contact.h"
 
 namespace palpate {
@@ -32,152 +27,7 @@ constexpr int kLeastInterior = 12;
 constexpr int kIdleInterior = 10;
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
-double cornerAngle(double index, int facets) { return 2.0 * std::numbers::pi * index / facets; }
-
-Vec2 atAngle(double angle) { return {std::cos(angle), std::sin(angle)}; }
-
-constexpr Eigen::Index kPartRows = 256;  // of W
-
-int wrap(int index, int facets) { return ((index % facets) + facets) % facets; }
-
-void checkSizes(const ContactProblem& problem) {
-  const Eigen::Index m = problem.bias.size();
-  if (problem.free.size() != 3 * m || problem.friction.size() != m || problem.delassus.rows() != 3 * m ||
-      problem.delassus.cols() != 3 * m) {
-    throw std::invalid_argument("contact problem: delassus, free, bias and friction differ in size");
-  }
-  if (!problem.cone.exact && problem.cone.facets < 3) {
-    throw std::invalid_argument("contact problem: a linearized cone needs at least three facets");
-  }
-  if ((problem.friction.array() < 0.0).any()) throw std::invalid_argument("contact problem: negative friction");
-}
-
-/// Zero times whatever is not finite is not zero; a sum is quicker than asking for each entry.
-bool isFinite(const Eigen::Ref<const MatX>& w) {
-  const int columns = static_cast<int>(w.cols()), parts = 1 + (columns - 1) / static_cast<int>(kPartRows);
-  std::atomic<bool> good{true};
-  parallelRanges(parts, columns, [&](int begin, int end) {
-    const double sum = (0.0 * w.middleCols(begin, end - begin)).sum();
-    if (!(sum == 0.0)) good.store(false, std::memory_order_relaxed);
-  });
-  return good.load(std::memory_order_relaxed);
-}
-
-constexpr int kAtOnce = 4;  // columns
-
-/// Rows of W from `first` on in the given columns: w += W x and, being rows as well as columns, w += W^T x.
-template <int Columns>
-void addBothWays(const Eigen::Ref<const MatX>& matrix, Eigen::Index first, Eigen::Index column, const VecX& x,
-                 double* w) {
-  constexpr Eigen::Index kVector = 8;
-  using Vector = Eigen::Array<double, kVector, 1>;
-  const Eigen::Index rows = matrix.rows();
-  std::array<Vector, Columns> sum;
-  std::array<double, Columns> rest;
-  std::array<const double*, Columns> a;
-  sum.fill(Vector::Zero());
-  rest.fill(0.0);
-  for (int c = 0; c < Columns; ++c) a[c] = matrix.col(column + c).data();
-  Eigen::Index r = first;
-  for (; r + kVector <= rows; r += kVector) {
-    Eigen::Map<Vector> out(w + r);
-    const Vector in = Eigen::Map<const Vector>(x.data() + r);
-    Vector share = out;
-    for (int c = 0; c < Columns; ++c) {
-      const Vector entry = Eigen::Map<const Vector>(a[c] + r);
-      share += x[column + c] * entry;
-      sum[c] += entry * in;
-    }
-    out = share;
-  }
-  for (; r < rows; ++r) {
-    for (int c = 0; c < Columns; ++c) {
-      w[r] += x[column + c] * a[c][r];
-      rest[c] += a[c][r] * x[r];
-    }
-  }
-  for (int c = 0; c < Columns; ++c) w[column + c] += sum[c].sum() + rest[c];
-}
-
-bool isFinite(const ContactProblem& problem) {
-  return isFinite(problem.delassus) && problem.free.allFinite() && problem.bias.allFinite() &&
-         problem.friction.allFinite();
-}
-
-/// Nearest point to p of the segment from a to b.
-Vec2 nearestOnSegment(const Vec2& p, const Vec2& a, const Vec2& b) {
-  const Vec2 along = b - a;
-  const double length2 = along.squaredNorm();
-  if (length2 == 0.0) return a;
-  return a + std::clamp((p - a).dot(along) / length2, 0.0, 1.0) * along;
-}
-
-/// Nearest point to p of the disc or polygon of the given radius, by looking at every edge.
-Vec2 nearestInCone(const Vec2& p, double radius, const FrictionCone& cone) {
-  if (cone.exact) return p.norm() <= radius ? p : Vec2(radius / p.norm() * p);
-  bool inside = true;
-  Vec2 nearest = Vec2::Zero();
-  double distance = kInfinity;
-  for (int k = 0; k < cone.facets; ++k) {
-    const Vec2 a = radius * vertexDirection(k, cone.facets).tail<2>();
-    const Vec2 b = radius * vertexDirection(k + 1, cone.facets).tail<2>();
-    inside = inside && p.dot(edgeNormal(k, cone.facets).tail<2>()) <= a.dot(edgeNormal(k, cone.facets).tail<2>());
-    const Vec2 candidate = nearestOnSegment(p, a, b);
-    if ((candidate - p).norm() < distance) {
-      distance = (candidate - p).norm();
-      nearest = candidate;
-    }
-  }
-  return inside ? p : nearest;
-}
-
-/// rho of contact i: the impulses of a contact times rho compare with its velocities.
-double impulseScale(const ContactProblem& problem, Eigen::Index i) {
-  const auto diagonal = problem.delassus.diagonal();
-  return diagonal.segment<3>(3 * i).sum() / 3.0;
-}
-
-double meanScale(const ContactProblem& problem) {
-  const double mean =
-      problem.delassus.trace() / static_cast<double>(std::max<Eigen::Index>(problem.delassus.rows(), 1));
-  return mean > 0.0 ? mean : 1.0;
-}
-
 }  // namespace
-
-Vec3 vertexDirection(int index, int facets) {
-  const Vec2 d = atAngle(cornerAngle(wrap(index, facets), facets));
-  return {0.0, d[0], d[1]};
-}
-
-Vec3 edgeNormal(int index, int facets) {
-  const Vec2 d = atAngle(cornerAngle(wrap(index, facets) + 0.5, facets));
-  return {0.0, d[0], d[1]};
-}
-
-Vec3 edgeTangent(int index, int facets) {
-  const Vec3 normal = edgeNormal(index, facets);
-  return {0.0, -normal[2], normal[1]};
-}
-
-double contactResidual(const ContactProblem& problem, const VecX& lambda) {
-  checkSizes(problem);
-  if (lambda.size() != problem.free.size()) throw std::invalid_argument("contact residual: lambda has the wrong size");
-  if (!isFinite(problem) || !lambda.allFinite()) return kInfinity;
-  const VecX w = problem.delassus * lambda + problem.free;
-  double worst = 0.0;
-  for (Eigen::Index i = 0; i < problem.bias.size(); ++i) {
-    const double own = impulseScale(problem, i);
-    const double rho = own > 0.0 ? own : meanScale(problem);
-    const Vec3 impulse = rho * lambda.segment<3>(3 * i);
-    const double normal = impulse[0] - std::max(0.0, impulse[0] - (w[3 * i] - problem.bias[i]));
-    const double radius = problem.friction[i] * std::max(0.0, impulse[0]);
-    const Vec2 moved = impulse.tail<2>() - w.segment<2>(3 * i + 1);
-    const double tangential = (impulse.tail<2>() - nearestInCone(moved, radius, problem.cone)).norm();
-    worst = std::max({worst, std::abs(normal), tangential});
-  }
-  return worst;
-}
 
 void ContactSolver::prepare(const ContactProblem& problem, double mean_scale) {
   const Eigen::Index m = problem.bias.size();
@@ -199,33 +49,8 @@ void ContactSolver::prepare(const ContactProblem& problem, double mean_scale) {
   }
 }
 
-// A large W is mostly a matter of reading it: being symmetric, one half is enough. Each part has some columns of the
-// lower triangle, and adds to w what they are as columns and as rows.
 void ContactSolver::updateVelocity(const ContactProblem& problem, const VecX& lambda, VecX& w) {
-  const Eigen::Index rows = problem.free.size();
-  w = problem.free;
-  if (rows <= kPartRows) {
-    w.noalias() += problem.delassus * lambda;
-    return;
-  }
-  constexpr Eigen::Index kColumns = 96;
-  const int parts = static_cast<int>((rows + kColumns - 1) / kColumns);
-  grow(part_velocity_, rows * parts);
-  MapX shares(part_velocity_.data(), rows, parts);
-  parallelFor(parts, [&](int part) {
-    const Eigen::Index begin = part * kColumns, own = std::min(kColumns, rows - begin), below = rows - begin - own;
-    auto share = shares.col(part);
-    const auto left = lambda.segment(begin, own);
-    share.segment(begin, own).noalias() = problem.delassus.block(begin, begin, own, own) * left;
-    share.tail(below).setZero();
-    Eigen::Index j = 0;
-    for (; j + kAtOnce <= own; j += kAtOnce) {
-      addBothWays<kAtOnce>(problem.delassus, begin + own, begin + j, lambda, share.data());
-    }
-    for (; j < own; ++j) addBothWays<1>(problem.delassus, begin + own, begin + j, lambda, share.data());
-  });
-  for (int part = 0; part < parts; ++part)
-    w.tail(rows - part * kColumns) += shares.col(part).tail(rows - part * kColumns);
+  contactVelocity(problem, lambda, part_velocity_, w);
 }
 
 /// After some impulses have changed from what they were when w_ was theirs.
@@ -271,7 +96,7 @@ ContactStatus ContactSolver::nearest(const FrictionCone& cone, double radius, co
     point = apothem * normal_[k] + along * tangent_[k];
     return {ContactState::edge, k};
   }
-  const int vertex = wrap(along > 0.0 ? k + 1 : k, cone.facets);
+  const int vertex = wrapped(along > 0.0 ? k + 1 : k, cone.facets);
   point = radius * corner_[vertex];
   return {ContactState::vertex, vertex};
 }
@@ -317,9 +142,9 @@ void ContactSolver::walk(const FrictionCone& cone, const std::vector<ContactStat
   const auto place = [](const ContactStatus& s) { return 2 * s.index + (s.state == ContactState::edge ? 1 : 0); };
   for (std::size_t i = 0; i < before.size(); ++i) {
     if (!polygonal(before[i]) || !polygonal(status_[i])) continue;
-    const int turn = wrap(place(status_[i]) - place(before[i]) + cone.facets, 2 * cone.facets) - cone.facets;
+    const int turn = wrapped(place(status_[i]) - place(before[i]) + cone.facets, 2 * cone.facets) - cone.facets;
     if (std::abs(turn) < 2 || 2 * std::abs(turn) > cone.facets) continue;
-    const int next = wrap(place(before[i]) + (turn > 0 ? 1 : -1), 2 * cone.facets);
+    const int next = wrapped(place(before[i]) + (turn > 0 ? 1 : -1), 2 * cone.facets);
     status_[i] = {next % 2 == 1 ? ContactState::edge : ContactState::vertex, next / 2};
   }
 }

@@ -120,6 +120,7 @@ const HandleModel* HapticLoop::takeModel(const HandleModel* newest, TickFlags& f
   } else if (newest) {
     flags.set(TickFlag::model_rejected);
   }
+  if (has_model_ && model_.unsound) flags.set(TickFlag::model_unsound);
   if (has_model_) return &model_;
   flags.set(TickFlag::model_missing);
   return nullptr;

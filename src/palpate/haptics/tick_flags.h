@@ -24,6 +24,7 @@ enum class TickFlag : std::uint32_t {
   passivity_damped,        ///< passivity controller took energy out
   model_catching_up,       ///< a newer live model is still being replayed along the path
   model_damped,            ///< a new live model brought more energy than is paid for: its modes were slowed down
+  model_unsound,           ///< the visual step of the model in use failed, was cut, or its contact was not solved
   count
 };
 
@@ -46,7 +47,8 @@ constexpr const char* toString(TickFlag flag) {
                                                           "ramping",
                                                           "passivity_damped",
                                                           "model_catching_up",
-                                                          "model_damped"};
+                                                          "model_damped",
+                                                          "model_unsound"};
   return names[static_cast<std::size_t>(flag)];
 }
 

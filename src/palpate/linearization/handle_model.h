@@ -14,8 +14,9 @@ struct HandleModel {
   Mat6 kv = Mat6::Zero();     ///< dF/du [N s/m, ...]
   Pose handle_pose;           ///< visual handle at the end of the step: what virtual coupling pulls the device towards
   Vec6 handle_twist = Vec6::Zero();
-  double time = 0.0;  ///< time at which the step began, i.e. of x0 and u0 [s]
-  double step = 0.0;  ///< length of the visual step [s]
+  double time = 0.0;     ///< time at which the step began, i.e. of x0 and u0 [s]
+  double step = 0.0;     ///< length of the visual step [s]
+  bool unsound = false;  ///< the step failed, was cut or ended early, or its contact was not solved
 };
 
 }  // namespace palpate

@@ -1,6 +1,5 @@
 #include "palpate/live/live_tick.h"
 
-#include <Eigen/Cholesky>
 #include <algorithm>
 
 #include "palpate/math/rotation.h"
@@ -68,15 +67,14 @@ bool isFinite(const LiveModel& model) noexcept {
 void LiveTick::factorHandle(const LiveModel& model, const LiveTickInput& input) noexcept {
   const int r = model.modes();
   const double rate = 1.0 / input.dt + model.alpha;
-  BoundedMatrix<LiveSize::kUnknowns, LiveSize::kUnknowns> a(6 + r, 6 + r);
+  TickCholesky::Matrix a(6 + r, 6 + r);
   a.topLeftCorner<6, 6>() = rate * model.inertia;
   a.topLeftCorner<3, 3>().diagonal().array() += input.link.stiffness * input.dt + input.link.damping;
   a.block<3, 3>(3, 3).diagonal().array() += input.link.rotational_stiffness * input.dt + input.link.rotational_damping;
-  a.topRightCorner(6, r) = rate * model.coupling;
-  a.bottomLeftCorner(r, 6) = a.topRightCorner(6, r).transpose();
+  a.bottomLeftCorner(r, 6) = rate * model.coupling.transpose();
   a.bottomRightCorner(r, r).setZero();
   a.bottomRightCorner(r, r).diagonal() = (rate + (model.beta + input.dt) * model.squared_frequency.array()).matrix();
-  factor_.compute(a);
+  factor_.factor(a);
 }
 
 // -Q^T M (w x (w x y1) + 2 w x Q z')
@@ -146,7 +144,7 @@ Vec6 LiveTick::step(const LiveModel& model, const LiveTickInput& input, const Po
   const Vec3 g = rt * input.gravity, w = u.tail<3>();
   const LinkParameters& link = input.link;
 
-  Unknowns b(6 + r);
+  TickUnknowns b(6 + r);
   b.head<6>() = (model.inertia * u + model.coupling * state.speed) / dt;
   b.segment<3>(0) +=
       rt * (link.stiffness * (input.device.position - pose.position) + link.damping * input.device_twist.head<3>());
@@ -163,19 +161,20 @@ Vec6 LiveTick::step(const LiveModel& model, const LiveTickInput& input, const Po
   b.tail(r) = (model.coupling.transpose() * u + state.speed) / dt + modal;
 
   factorHandle(model, input);
-  Unknowns y = factor_.solve(b);
+  TickUnknowns& y = b;
+  factor_.solve(y);
   if (model.contacts > 0) {
     placeContacts(model, state, pose, dt);
     contacts_.free = dt * (jacobian_ * y);
     contacts_.free.noalias() -= share * (model.compliance * state.damped_force);
     if (contacts_.any()) {
-      BoundedMatrix<LiveSize::kUnknowns, LiveSize::kRows> half = jacobian_.transpose();
-      factor_.matrixL().solveInPlace(half);
+      factor_.solveLower(jacobian_);  // L^-1 J^T, transposed, from here on
       contacts_.compliance = share * model.compliance;
-      contacts_.compliance.noalias() += dt * (half.transpose() * half);
+      addGram(dt, jacobian_, contacts_.compliance);
       sweep(contacts_, kSweeps, state.contact_force);
-      Unknowns push = half * state.contact_force;
-      factor_.matrixU().solveInPlace(push);
+      TickUnknowns push(6 + r);
+      push.noalias() = jacobian_.transpose() * state.contact_force;
+      factor_.solveUpper(push);
       y += push;
     } else {
       state.contact_force.setZero();
@@ -215,7 +214,7 @@ void LiveTick::replay(const LiveModel& model, double dt, const Vec3& gravity, co
     if (contacts_.any()) {
       const BoundedMatrix<LiveSize::kRows, LiveSize::kModes> scaled = shape_ * (dt * inverse_).cwiseSqrt().asDiagonal();
       contacts_.compliance = share * model.compliance;
-      contacts_.compliance.noalias() += scaled * scaled.transpose();
+      addGram(1.0, scaled, contacts_.compliance);
       sweep(contacts_, kSweeps, state.contact_force);
       y += inverse_.cwiseProduct(shape_.transpose() * state.contact_force);
     } else {

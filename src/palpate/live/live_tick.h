@@ -1,10 +1,9 @@
 #pragma once
 
-#include <Eigen/Cholesky>
-
 #include "palpate/live/contact_sweeps.h"
 #include "palpate/live/handle_path.h"
 #include "palpate/live/live_model.h"
+#include "palpate/live/tick_algebra.h"
 #include "palpate/rigid/link.h"
 
 namespace palpate {
@@ -43,16 +42,14 @@ class LiveTick {
                  LiveState& state) noexcept;
 
  private:
-  using Unknowns = BoundedVector<LiveSize::kUnknowns>;
-  using Rows = BoundedMatrix<LiveSize::kRows, LiveSize::kUnknowns>;
   void factorHandle(const LiveModel& model, const LiveTickInput& input) noexcept;
   void placeContacts(const LiveModel& model, const LiveState& state, const Pose& pose, double dt) noexcept;
   void addSpin(const LiveModel& model, const LiveState& state, const Vec3& w, ModalVector& modal) const noexcept;
 
-  Eigen::LLT<BoundedMatrix<LiveSize::kUnknowns, LiveSize::kUnknowns>> factor_;
+  TickCholesky factor_;
   ModalVector inverse_;  // of the modes' diagonal
   RowVector place_;      // e, handle's frame
-  Rows jacobian_;
+  TickRows jacobian_;
   BoundedMatrix<LiveSize::kRows, LiveSize::kModes> shape_;  // Qc + Pc z
   TickContacts contacts_;
 };

@@ -17,11 +17,14 @@ SymmetricEigen symmetricEigen(const MatX& a) {
 }
 
 SymmetricEigen symmetricEigen(const MatX& a, const MatX& b) {
-  const Eigen::GeneralizedSelfAdjointEigenSolver<MatX> eigen(a, b);
-  return {eigen.eigenvalues(), eigen.eigenvectors()};
+  const Eigen::LLT<MatX> factor(b);
+  MatX half = factor.matrixL().solve(MatX(a.selfadjointView<Eigen::Lower>()));
+  SymmetricEigen out = symmetricEigen(MatX(factor.matrixL().solve(half.transpose())));
+  factor.matrixU().solveInPlace(out.vectors);
+  return out;
 }
 
-MatX solveSymmetric(const MatX& a, const MatX& b) { return a.ldlt().solve(b); }
+MatX solveSymmetric(const MatX& a, const MatX& b) { return Eigen::LLT<MatX>(a).solve(b); }
 
 SymmetricEigen6 symmetricEigen(const Mat6& a) noexcept {
   const Eigen::SelfAdjointEigenSolver<Aligned6> eigen(Aligned6{a});
@@ -34,6 +37,6 @@ Vec6 solve(const Mat6& a, const Vec6& b) noexcept { return Aligned6{a}.partialPi
 
 Mat6 inverse(const Mat6& a) noexcept { return Aligned6{a}.inverse(); }
 
-Vec6 solveSymmetric(const Mat6& a, const Vec6& b) noexcept { return Aligned6{a}.ldlt().solve(b); }
+Vec6 solveSymmetric(const Mat6& a, const Vec6& b) noexcept { return Eigen::LLT<Aligned6>(Aligned6{a}).solve(b); }
 
 }  // namespace palpate

@@ -15,7 +15,7 @@ struct SymmetricEigen {
 SymmetricEigen symmetricEigen(const MatX& a);
 /// @param b  positive definite
 SymmetricEigen symmetricEigen(const MatX& a, const MatX& b);
-/// A^-1 B for a symmetric A, definite or nearly so.
+/// A^-1 B for a positive definite A.
 MatX solveSymmetric(const MatX& a, const MatX& b);
 
 // Of six by six; no memory is taken.
@@ -27,6 +27,6 @@ SymmetricEigen6 symmetricEigen(const Mat6& a) noexcept;
 bool isPositiveDefinite(const Mat6& a) noexcept;
 Vec6 solve(const Mat6& a, const Vec6& b) noexcept;  ///< A^-1 b, pivots by rows
 Mat6 inverse(const Mat6& a) noexcept;
-Vec6 solveSymmetric(const Mat6& a, const Vec6& b) noexcept;  ///< A^-1 b, A definite
+Vec6 solveSymmetric(const Mat6& a, const Vec6& b) noexcept;  ///< A^-1 b, A positive definite
 
 }  // namespace palpate

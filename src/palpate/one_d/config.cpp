@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <set>
 
@@ -26,8 +27,7 @@ const Range kPosition = Range::within(-1e6, 1e6, "m");
 const Range kTime = Range::within(0.0, 1e6, "s");
 const Range kStep = Range::within(1e-6, 10.0, "s");
 
-/// "vc" is at index 0 of the choices, "hsl" at 1.
-Method methodAt(std::size_t choice) { return choice == 0 ? Method::kVc : Method::kHsl; }
+constexpr std::array kMethods{Method::kVc, Method::kHsl, Method::kLive};
 
 void readTrajectory(const Value& value, std::vector<Knot>& knots) {
   knots.clear();
@@ -58,11 +58,13 @@ void readVisualSteps(const Value& value, double haptic_dt, std::vector<double>& 
 
 void readMethods(const Value& value, std::vector<Method>& methods) {
   methods.clear();
-  for (const Value& item : value.items(2)) {
-    methods.push_back(methodAt(item.choice({methodName(Method::kVc), methodName(Method::kHsl)})));
+  std::vector<std::string> names;
+  for (const Method method : kMethods) names.push_back(methodName(method));
+  for (const Value& item : value.items(kMethods.size())) {
+    methods.push_back(kMethods[item.choice(names)]);
     if (std::count(methods.begin(), methods.end(), methods.back()) > 1) item.fail("is given twice");
   }
-  if (methods.empty()) value.fail("must name at least one of vc, hsl");
+  if (methods.empty()) value.fail("must name at least one of vc, hsl, live");
 }
 
 void readHapticStep(const Value& value, double& haptic_dt) {
@@ -114,7 +116,16 @@ void checkTogether(const Config& config, const std::string& name) {
 
 }  // namespace
 
-std::string methodName(Method method) { return method == Method::kVc ? "vc" : "hsl"; }
+std::string methodName(Method method) {
+  switch (method) {
+    case Method::kVc:
+      return "vc";
+    case Method::kHsl:
+      return "hsl";
+    default:
+      return "live";
+  }
+}
 
 long long wholeMultiple(double whole, double part) {
   const double ratio = whole / part;

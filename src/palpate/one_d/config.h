@@ -7,11 +7,11 @@
 
 namespace palpate::one_d {
 
-/// How the force on the device is made: virtual coupling to the visual handle, or the paper's handle-space
-/// linearization between proxy and tool.
-enum class Method { kVc, kHsl };
+/// How the force on the device is made: virtual coupling to the visual handle, the paper's handle-space linearization
+/// between proxy and tool, or the live model of the tool in the tick.
+enum class Method { kVc, kHsl, kLive };
 
-/// "vc" or "hsl".
+/// "vc", "hsl" or "live".
 std::string methodName(Method method);
 
 /// The whole experiment; the members' initial values are its defaults.
@@ -21,7 +21,7 @@ struct Config {
   double haptic_dt = 0.001;                                  ///< [s]
   std::vector<double> visual_dts{0.001, 0.005, 0.01, 0.02};  ///< [s]; each a whole multiple of haptic_dt
   double latency = 1.0;  ///< visual steps between the start of a step and the use of its result
-  std::vector<Method> methods{Method::kVc, Method::kHsl};
+  std::vector<Method> methods{Method::kVc, Method::kHsl, Method::kLive};
 
   /// The reference: virtual coupling at this visual step, without latency [s].
   static constexpr double kReferenceDt = 0.001;

@@ -6,6 +6,7 @@
 #include <deque>
 
 #include "palpate/common/error.h"
+#include "palpate/one_d/live.h"
 
 namespace palpate::one_d {
 
@@ -145,18 +146,31 @@ Run makeRun(const Config& config, const std::string& name, Method method, double
 }  // namespace
 
 Trace simulate(const Config& config, Method method, double visual_dt, double latency) {
-  VisualLoop visual(config, visual_dt, latency);
-  HapticLoop haptic(config, method);
   const std::size_t ticks = tickCount(config);
   Trace trace;
   for (auto* column : {&trace.device, &trace.handle, &trace.tool, &trace.force}) column->reserve(ticks);
-  for (std::size_t i = 0; i < ticks; ++i) {
-    const PointState device = deviceAt(config.trajectory, tickTime(config, i));
-    visual.advance(i, device);
-    trace.force.push_back(haptic.tick(visual.newest(), device));
+  const auto add = [&](const PointState& device, double force, const ToolState& shown) {
+    trace.force.push_back(force);
     trace.device.push_back(device.x);
-    trace.handle.push_back(visual.shownState().handle.x);
-    trace.tool.push_back(visual.shownState().tool.x);
+    trace.handle.push_back(shown.handle.x);
+    trace.tool.push_back(shown.tool.x);
+  };
+  const auto deviceOf = [&](std::size_t i) { return deviceAt(config.trajectory, tickTime(config, i)); };
+  if (method == Method::kLive) {
+    LiveRun live(config, visual_dt, latency);
+    for (std::size_t i = 0; i < ticks; ++i) {
+      const double force = live.tick(i, deviceOf(i));
+      add(deviceOf(i), force, live.shownState());
+    }
+    return trace;
+  }
+  VisualLoop visual(config, visual_dt, latency);
+  HapticLoop haptic(config, method);
+  for (std::size_t i = 0; i < ticks; ++i) {
+    const PointState device = deviceOf(i);
+    visual.advance(i, device);
+    const double force = haptic.tick(visual.newest(), device);
+    add(device, force, visual.shownState());
   }
   return trace;
 }

@@ -18,7 +18,7 @@ struct Trace {
 
 /// One run and its errors against the reference.
 struct Run {
-  std::string method;      ///< "reference", "vc" or "hsl"
+  std::string method;      ///< "reference", "vc", "hsl" or "live"
   double visual_dt = 0.0;  ///< [s]
   double latency = 0.0;    ///< [visual steps]
   Trace trace;

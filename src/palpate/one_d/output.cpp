@@ -26,7 +26,10 @@ const std::vector<std::string> kPageHeader{"drag, N", "RMS error, N", "peak erro
 
 std::string milliseconds(double seconds) { return fmt::format("{:.6g}", 1e3 * seconds); }
 
-std::string upper(const Run& run) { return run.method == "vc" ? "VC" : run.method == "hsl" ? "HSL" : "Reference"; }
+std::string upper(const Run& run) {
+  if (run.method == "live") return "Live";
+  return run.method == "vc" ? "VC" : run.method == "hsl" ? "HSL" : "Reference";
+}
 
 std::vector<std::vector<std::string>> tableRows(const Results& results) {
   std::vector<std::vector<std::string>> rows;

@@ -86,7 +86,7 @@ RigidPart rigidPart(const VecX& x, const VecX& motion) {
     right += g.transpose() * motion.segment<3>(3 * i);
   }
   RigidPart out;
-  out.twist = solveSymmetric(normal, right);
+  out.twist = solve(normal, right);
   const double all = motion.squaredNorm();
   if (all > 0) out.share = out.twist.dot(right) / all;
   return out;

@@ -46,6 +46,8 @@ struct StepReport {
   double energy_made = 0;
   bool out_of_budget = false;  ///< the budget was used up: the rest of the step was taken as it came
   bool failed() const { return status == StepStatus::restored; }
+  /// It went to its end, with contact as it should be.
+  bool sound() const { return status == StepStatus::ok && motion_share >= 1.0 && !out_of_budget; }
   /// Takes over the next part of the same step: its end, the worse of both, the times of both.
   void append(const StepReport& part);
 };

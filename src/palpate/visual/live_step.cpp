@@ -93,9 +93,12 @@ VisualRecord LiveVisual::step(World& world, const HandlePath& path, const Device
       state_.ready && !record.step.failed() && length <= kLongest * settings.step && replayed(world, path, now);
   reduce(world, known ? corrected(world, now) : toolShape(world), settings.step, path.end() - 1, time);
 
+  record.model.unsound = !record.step.sound();
   if (record.step.failed()) return record;
   const Body tool = world.tool();
+  const bool unsound = record.model.unsound;
   record.model = {};
+  record.model.unsound = unsound;
   record.model.force = tool.system.wrenchOnHandle(tool.state);
   record.model.pose = record.model.handle_pose = tool.state.handle.pose;
   record.model.twist = record.model.handle_twist = tool.state.handle.twist;

@@ -60,10 +60,8 @@ HandleModel modelAfterRedoing(World& world, const DeviceTarget& target, const Vi
   return model;
 }
 
-}  // namespace
-
-VisualRecord visualStep(World& world, const DeviceTarget& target, const VisualStepSettings& settings, double time,
-                        const HandleModel& previous) {
+VisualRecord stepOf(World& world, const DeviceTarget& target, const VisualStepSettings& settings, double time,
+                    const HandleModel& previous) {
   VisualRecord record;
   record.time = time;
   if (settings.substeps > 1) {
@@ -73,6 +71,15 @@ VisualRecord visualStep(World& world, const DeviceTarget& target, const VisualSt
   record.step = world.step(target, settings.step);  // 1: constrained dynamics, eq. (2)
   record.model = record.step.redone > 0 ? modelAfterRedoing(world, target, settings, previous, record)
                                         : modelOf(world, settings, record, previous);  // 2 to 6: eq. (6) to (11)
+  return record;
+}
+
+}  // namespace
+
+VisualRecord visualStep(World& world, const DeviceTarget& target, const VisualStepSettings& settings, double time,
+                        const HandleModel& previous) {
+  VisualRecord record = stepOf(world, target, settings, time, previous);
+  record.model.unsound = !record.step.sound();
   return record;
 }
 

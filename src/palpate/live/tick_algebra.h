@@ -1,0 +1,45 @@
+#pragma once
+
+#include <array>
+
+#include "palpate/live/live_model.h"
+
+namespace palpate {
+
+// The algebra of a tick: plain loops over a few dozen entries, which need neither a library's blocks nor its memory.
+
+using TickUnknowns = BoundedVector<LiveSize::kUnknowns>;
+/// A row of a contact for each row, an unknown for each column.
+using TickRows = BoundedMatrix<LiveSize::kRows, LiveSize::kUnknowns>;
+using TickCompliance = BoundedMatrix<LiveSize::kRows, LiveSize::kRows>;
+
+/// A = L L^T of a positive definite matrix; of another one all results are not finite.
+class TickCholesky {
+ public:
+  using Matrix = BoundedMatrix<LiveSize::kUnknowns, LiveSize::kUnknowns>;
+  /// Reads the lower triangle.
+  void factor(const Matrix& a) noexcept;
+  void solve(TickUnknowns& b) const noexcept;       ///< b = A^-1 b
+  void solveUpper(TickUnknowns& b) const noexcept;  ///< b = L^-T b
+  void solveLower(TickRows& x) const noexcept;      ///< x^T = L^-1 x^T
+
+ private:
+  int size_ = 0;
+  std::array<double, LiveSize::kUnknowns * LiveSize::kUnknowns> l_{};  // by rows; the diagonal inverted
+};
+
+/// g += scale x x^T.
+template <int kColumns>
+void addGram(double scale, const BoundedMatrix<LiveSize::kRows, kColumns>& x, TickCompliance& g) noexcept {
+  const Eigen::Index rows = x.rows();
+  for (Eigen::Index j = 0; j < rows; ++j) {
+    double* const out = g.data() + j * g.rows();
+    for (Eigen::Index c = 0; c < x.cols(); ++c) {
+      const double* const column = x.data() + c * rows;
+      const double factor = scale * column[j];
+      for (Eigen::Index i = 0; i < rows; ++i) out[i] += factor * column[i];
+    }
+  }
+}
+
+}  // namespace palpate
