@@ -36,7 +36,6 @@ PointState followed(const Parameters& p, const PointState& tool, const PointStat
 LiveRun::LiveRun(const Config& config, double visual_dt, double latency)
     : parameters_(config.parameters),
       dt_(config.haptic_dt),
-      step_(visual_dt),
       period_(static_cast<std::size_t>(wholeMultiple(visual_dt, config.haptic_dt))),
       delay_(static_cast<std::size_t>(std::ceil(latency * static_cast<double>(period_) - 1e-9))) {
   const double x = config.trajectory.front().x;

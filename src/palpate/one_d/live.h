@@ -28,7 +28,7 @@ class LiveRun {
   PointState handleAt(std::int64_t index) const;
 
   Parameters parameters_;
-  double dt_, step_;
+  double dt_;
   std::size_t period_, delay_;  // [ticks]
   HandlePath path_;
   ToolState visual_, shown_;
