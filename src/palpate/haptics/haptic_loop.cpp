@@ -41,6 +41,7 @@ Vec6 HapticLoop::start(const Pose& device_pose, const Pose& proxy_pose, double n
   observer_.reset();
   counters_ = {};
   has_model_ = has_live_ = has_pending_ = false;
+  account_ = {};
   path_.clear();
   path_.add({0, proxy_pose, Vec6::Zero()});
   start_time_ = now;
