@@ -137,9 +137,6 @@ add_custom_target(tests_tsan)
 # The rooms are what is tested: less optimization halves the tests' build, and in the sanitizer build they look for
 # undefined behavior in the rooms, not in themselves.
 set(PALPATE_TEST_OPTIONS -O1)
-if(PALPATE_SANITIZE)
-  set(PALPATE_TEST_OPTIONS -O0)
-endif()
 set(PALPATE_LIGHT_TEST_OPTIONS -O0)
 if(PALPATE_SANITIZE MATCHES "undefined")
   list(APPEND PALPATE_TEST_OPTIONS -fno-sanitize=undefined)
