@@ -29,7 +29,7 @@ if(PALPATE_SANITIZE)
                                                    -fno-sanitize-recover=all)
   if(PALPATE_SANITIZE MATCHES "undefined")
     # checks at each access: the address sanitizer finds what they find, and Eigen asserts its alignment
-    target_compile_options(palpate_options INTERFACE -fno-sanitize=null,alignment,object-size)
+    target_compile_options(palpate_options INTERFACE -fno-sanitize=null,alignment,object-size,pointer-overflow)
   endif()
   target_link_options(palpate_options INTERFACE -fsanitize=${PALPATE_SANITIZE})
 endif()

@@ -1,12 +1,12 @@
 #pragma once
 
-#include <Eigen/QR>
 #include <cmath>
 #include <random>
 #include <utility>
 #include <vector>
 
 #include "palpate/live/live_model.h"
+#include "palpate/math/decompositions.h"
 
 namespace palpate::test {
 
@@ -50,8 +50,9 @@ inline LiveModel softTool(int points, int modes, int contacts, unsigned seed) {
   for (Eigen::Index i = 0; i < q.rows(); ++i)
     for (Eigen::Index j = 0; j < modes; ++j) q(i, j) = u(random);
   // orthonormal, then by the mass
-  const Eigen::HouseholderQR<MatX> qr(q);
-  q = qr.householderQ() * MatX::Identity(q.rows(), modes) / std::sqrt(mass);
+  const MatX gram = q.transpose() * q;
+  const SymmetricEigen eigen = symmetricEigen(gram);
+  q = q * eigen.vectors * (mass * eigen.values).cwiseSqrt().cwiseInverse().asDiagonal();
   m.squared_frequency.resize(modes);
   m.force.setZero(modes);
   m.speed.setZero(modes);

@@ -32,7 +32,7 @@ Mat6 withRotationColumns(const Mat6& stiffness, const Mat3& derivative) {
 }
 
 bool isDefinite(const Mat6& matrix, const Mat6& mass) {
-  return isPositiveDefinite(0.5 * (matrix + matrix.transpose()) - kDefiniteness * mass);
+  return isPositiveDefinite(Mat6(0.5 * (matrix + matrix.transpose()) - kDefiniteness * mass));
 }
 
 /// Without the positive eigenvalues of the symmetric part; what is left takes energy out or turns it sideways.

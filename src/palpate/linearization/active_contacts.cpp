@@ -1,8 +1,10 @@
 #include "palpate/linearization/active_contacts.h"
 
-#include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
+#include <vector>
+
+#include "palpate/linear/dense_lu.h"
 
 namespace palpate {
 namespace {
@@ -122,7 +124,10 @@ MatX ActiveContacts::impulseResponse(const MatX& free_change, const MatX& given)
     for (Eigen::Index k = 0; k < n; ++k) {
       q(k, k) += law.d[k] + kShift * law.c.col(k).dot(compliance(k) * law.c.col(k));
     }
-    y = q.partialPivLu().solve(right);
+    std::vector<int> pivots;
+    luInPlace(q, pivots);
+    y = right;
+    luSolveColumns(q, pivots, y);
   }
   MatX dlambda = MatX::Zero(free_change.rows(), 12);
   for (Eigen::Index k = 0; k < n; ++k) dlambda.middleRows<3>(row(k)) += law.b.col(k) * y.row(k);

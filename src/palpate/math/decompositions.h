@@ -4,7 +4,8 @@
 
 namespace palpate {
 
-// Dense factorizations, compiled once: each takes the compiler seconds wherever it is instantiated.
+// Small dense factorizations in plain loops: of some dozen rows, compiled in a second. Eigen's, made for large ones,
+// take the compiler thirty, and in the haptic tick nothing may be allocated. What is large is factorized in linear/.
 
 /// A = V diag(values) V^T, or with B: A V = B V diag(values), V^T B V = 1.
 struct SymmetricEigen {
@@ -13,9 +14,11 @@ struct SymmetricEigen {
 };
 /// Of a symmetric matrix; reads its lower triangle.
 SymmetricEigen symmetricEigen(const MatX& a);
-/// @param b  positive definite
+/// @param b  positive definite; for another one nothing is a number
 SymmetricEigen symmetricEigen(const MatX& a, const MatX& b);
-/// A^-1 B for a positive definite A.
+/// Reads the lower triangle.
+bool isPositiveDefinite(const MatX& a);
+/// A^-1 B for a positive definite A; not a number for another one.
 MatX solveSymmetric(const MatX& a, const MatX& b);
 
 // Of six by six; no memory is taken.
@@ -27,6 +30,6 @@ SymmetricEigen6 symmetricEigen(const Mat6& a) noexcept;
 bool isPositiveDefinite(const Mat6& a) noexcept;
 Vec6 solve(const Mat6& a, const Vec6& b) noexcept;  ///< A^-1 b, pivots by rows
 Mat6 inverse(const Mat6& a) noexcept;
-Vec6 solveSymmetric(const Mat6& a, const Vec6& b) noexcept;  ///< A^-1 b, A positive definite
+Vec6 solveSymmetric(const Mat6& a, const Vec6& b) noexcept;  ///< A^-1 b, as the larger one
 
 }  // namespace palpate

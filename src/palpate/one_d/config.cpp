@@ -3,7 +3,6 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <set>
 
@@ -27,7 +26,7 @@ const Range kPosition = Range::within(-1e6, 1e6, "m");
 const Range kTime = Range::within(0.0, 1e6, "s");
 const Range kStep = Range::within(1e-6, 10.0, "s");
 
-constexpr std::array kMethods{Method::kVc, Method::kHsl, Method::kLive};
+const std::vector<std::string> kMethods{"vc", "hsl", "live"};  // in the order of Method
 
 void readTrajectory(const Value& value, std::vector<Knot>& knots) {
   knots.clear();
@@ -58,10 +57,8 @@ void readVisualSteps(const Value& value, double haptic_dt, std::vector<double>& 
 
 void readMethods(const Value& value, std::vector<Method>& methods) {
   methods.clear();
-  std::vector<std::string> names;
-  for (const Method method : kMethods) names.push_back(methodName(method));
   for (const Value& item : value.items(kMethods.size())) {
-    methods.push_back(kMethods[item.choice(names)]);
+    methods.push_back(static_cast<Method>(item.choice(kMethods)));
     if (std::count(methods.begin(), methods.end(), methods.back()) > 1) item.fail("is given twice");
   }
   if (methods.empty()) value.fail("must name at least one of vc, hsl, live");
@@ -116,22 +113,23 @@ void checkTogether(const Config& config, const std::string& name) {
 
 }  // namespace
 
-std::string methodName(Method method) {
-  switch (method) {
-    case Method::kVc:
-      return "vc";
-    case Method::kHsl:
-      return "hsl";
-    default:
-      return "live";
-  }
-}
+std::string methodName(Method method) { return kMethods[static_cast<std::size_t>(method)]; }
 
 long long wholeMultiple(double whole, double part) {
   const double ratio = whole / part;
   const double rounded = std::round(ratio);
   const bool is_whole = rounded >= 1.0 && rounded < 1e12 && std::abs(ratio - rounded) <= 1e-9 * rounded;
   return is_whole ? static_cast<long long>(rounded) : 0;
+}
+
+Timing timingOf(const Config& config, double visual_dt, double latency) {
+  const auto period = static_cast<std::size_t>(wholeMultiple(visual_dt, config.haptic_dt));
+  return {period, static_cast<std::size_t>(std::ceil(latency * static_cast<double>(period) - 1e-9))};
+}
+
+ToolState restAtStart(const Config& config) {
+  const double x = config.trajectory.front().x;
+  return {{x, 0.0}, {x - config.parameters.rest_length, 0.0}};
 }
 
 Config readConfig(const std::string& file) { return parseConfig(readDocumentText(file), file); }

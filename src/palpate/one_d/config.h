@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstddef>
 #include <string>
 #include <vector>
 
@@ -36,5 +37,15 @@ Config parseConfig(const std::string& text, const std::string& name);
 
 /// How many times `part` goes into `whole` [both s]; 0 unless that is a whole number, up to rounding in the input.
 long long wholeMultiple(double whole, double part);
+
+/// Of a visual loop [ticks].
+struct Timing {
+  std::size_t period;  ///< between the starts of two steps
+  std::size_t delay;   ///< from the start of a step to the use of its result, rounded up
+};
+Timing timingOf(const Config& config, double visual_dt, double latency);
+
+/// Handle and tool at rest where the trajectory begins.
+ToolState restAtStart(const Config& config);
 
 }  // namespace palpate::one_d

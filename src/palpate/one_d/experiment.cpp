@@ -37,15 +37,13 @@ class VisualLoop {
   VisualLoop(const Config& config, double visual_dt, double latency)
       : parameters_(config.parameters),
         step_(visual_dt),
-        period_(static_cast<std::size_t>(wholeMultiple(visual_dt, config.haptic_dt))),
-        delay_(static_cast<std::size_t>(std::ceil(latency * static_cast<double>(period_) - kTimeTolerance))) {
-    const double x = config.trajectory.front().x;
-    state_ = {{x, 0.0}, {x - parameters_.rest_length, 0.0}};
+        timing_(timingOf(config, visual_dt, latency)),
+        state_(restAtStart(config)) {
     newest_.state = state_;
   }
 
   void advance(std::size_t tick, const PointState& device) {
-    if (tick % period_ == 0) takeStep(tick, device);
+    if (tick % timing_.period == 0) takeStep(tick, device);
     while (!underway_.empty() && underway_.front().arrival <= tick) {
       newest_ = underway_.front();
       underway_.pop_front();
@@ -61,35 +59,38 @@ class VisualLoop {
  private:
   void takeStep(std::size_t tick, const PointState& device) {
     const StepResult result = visualStep(parameters_, state_, device, step_);
-    underway_.push_back({tick + delay_, result.state, linearize(parameters_, state_, result, step_)});
+    underway_.push_back({tick + timing_.delay, result.state, linearize(parameters_, state_, result, step_)});
     state_ = result.state;
   }
 
   Parameters parameters_;
   double step_;
-  std::size_t period_;  ///< [ticks]
-  std::size_t delay_;   ///< [ticks]
+  Timing timing_;
   ToolState state_;
   std::deque<Message> underway_;
   Message newest_;
   bool arrived_ = false;
 };
 
-/// The haptic loop: turns the newest message into the force on the device.
-class HapticLoop {
+/// Methods vc and hsl: turns the newest message of the visual loop into the force on the device.
+class LinkedRun {
  public:
-  HapticLoop(const Config& config, Method method)
-      : parameters_(config.parameters), method_(method), dt_(config.haptic_dt) {
+  LinkedRun(const Config& config, Method method, double visual_dt, double latency)
+      : visual_(config, visual_dt, latency), parameters_(config.parameters), method_(method), dt_(config.haptic_dt) {
     proxy_ = {config.trajectory.front().x, 0.0};
   }
 
-  double tick(const Message* newest, const PointState& device) {
+  double tick(std::size_t tick, const PointState& device) {
+    visual_.advance(tick, device);
+    const Message* newest = visual_.newest();
     if (method_ == Method::kVc) return newest ? linkForce(parameters_, newest->state.handle, device) : 0.0;
     proxy_ = proxyTick(parameters_, newest ? &newest->model : nullptr, proxy_, device, dt_);
     return linkForce(parameters_, proxy_, device);
   }
+  const ToolState& shownState() const { return visual_.shownState(); }
 
  private:
+  VisualLoop visual_;
   Parameters parameters_;
   Method method_;
   double dt_;
@@ -145,34 +146,29 @@ Run makeRun(const Config& config, const std::string& name, Method method, double
 
 }  // namespace
 
-Trace simulate(const Config& config, Method method, double visual_dt, double latency) {
+namespace {
+
+/// @param loops  has tick(), the force on the device, and shownState()
+template <class Loops>
+Trace traceOf(const Config& config, Loops loops) {
   const std::size_t ticks = tickCount(config);
   Trace trace;
   for (auto* column : {&trace.device, &trace.handle, &trace.tool, &trace.force}) column->reserve(ticks);
-  const auto add = [&](const PointState& device, double force, const ToolState& shown) {
-    trace.force.push_back(force);
-    trace.device.push_back(device.x);
-    trace.handle.push_back(shown.handle.x);
-    trace.tool.push_back(shown.tool.x);
-  };
-  const auto deviceOf = [&](std::size_t i) { return deviceAt(config.trajectory, tickTime(config, i)); };
-  if (method == Method::kLive) {
-    LiveRun live(config, visual_dt, latency);
-    for (std::size_t i = 0; i < ticks; ++i) {
-      const double force = live.tick(i, deviceOf(i));
-      add(deviceOf(i), force, live.shownState());
-    }
-    return trace;
-  }
-  VisualLoop visual(config, visual_dt, latency);
-  HapticLoop haptic(config, method);
   for (std::size_t i = 0; i < ticks; ++i) {
-    const PointState device = deviceOf(i);
-    visual.advance(i, device);
-    const double force = haptic.tick(visual.newest(), device);
-    add(device, force, visual.shownState());
+    const PointState device = deviceAt(config.trajectory, tickTime(config, i));
+    trace.force.push_back(loops.tick(i, device));
+    trace.device.push_back(device.x);
+    trace.handle.push_back(loops.shownState().handle.x);
+    trace.tool.push_back(loops.shownState().tool.x);
   }
   return trace;
+}
+
+}  // namespace
+
+Trace simulate(const Config& config, Method method, double visual_dt, double latency) {
+  if (method == Method::kLive) return traceOf(config, LiveRun(config, visual_dt, latency));
+  return traceOf(config, LinkedRun(config, method, visual_dt, latency));
 }
 
 Results runExperiment(const Config& config) {

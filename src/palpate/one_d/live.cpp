@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
 
 namespace palpate::one_d {
 namespace {
@@ -34,13 +35,9 @@ PointState followed(const Parameters& p, const PointState& tool, const PointStat
 }  // namespace
 
 LiveRun::LiveRun(const Config& config, double visual_dt, double latency)
-    : parameters_(config.parameters),
-      dt_(config.haptic_dt),
-      period_(static_cast<std::size_t>(wholeMultiple(visual_dt, config.haptic_dt))),
-      delay_(static_cast<std::size_t>(std::ceil(latency * static_cast<double>(period_) - 1e-9))) {
-  const double x = config.trajectory.front().x;
-  visual_ = shown_ = {{x, 0.0}, {x - parameters_.rest_length, 0.0}};
-  pose_ = at(x);
+    : parameters_(config.parameters), dt_(config.haptic_dt), timing_(timingOf(config, visual_dt, latency)) {
+  visual_ = shown_ = restAtStart(config);
+  pose_ = at(visual_.handle.x);
   path_.add({0, pose_, twist_});
   newest_ = used_ = modelOf(visual_, 0);
   state_ = startState(used_);
@@ -108,11 +105,11 @@ void LiveRun::takeStep(std::size_t tick) {
     model.damped_force = replayed.damped_force;
     newest_ = model;
   }
-  underway_.push_back({tick + delay_, visual_, newest_});
+  underway_.push_back({tick + timing_.delay, visual_, newest_});
 }
 
 double LiveRun::tick(std::size_t tick, const PointState& device) {
-  if (tick % period_ == 0) takeStep(tick);
+  if (tick % timing_.period == 0) takeStep(tick);
   while (!underway_.empty() && underway_.front().arrival <= tick) {
     const Message& message = underway_.front();
     shown_ = message.state;

@@ -29,7 +29,7 @@ class LiveRun {
 
   Parameters parameters_;
   double dt_;
-  std::size_t period_, delay_;  // [ticks]
+  Timing timing_;
   HandlePath path_;
   ToolState visual_, shown_;
   LiveModel newest_, used_;  // of the last visual step; in the tick

@@ -13,7 +13,7 @@
 namespace palpate {
 namespace {
 
-constexpr double kLeastCompliance = 1e-7;  // [m/N]
+constexpr double kLeastCompliance = 1e-7, kMostShift = 1.0;  // [m/N]
 
 Mat6 pointInertia(double mass, const Vec3& place) {
   Eigen::Matrix<double, 3, 6> g;
@@ -44,12 +44,12 @@ void setRound(const Obstacle& obstacle, const Vec3& place, double gap, LiveSurfa
 ToolShape toolShape(const World& world) {
   const Body tool = world.tool();
   const Mat3 rt = tool.state.handle.pose.matrix().transpose();
-  const Vec3 p = tool.state.handle.pose.position, v = tool.state.handle.twist.head<3>();
-  const Vec3 w = rt * tool.state.handle.twist.tail<3>();
+  const Vec3 v = tool.state.handle.twist.head<3>(), w = rt * tool.state.handle.twist.tail<3>();
+  const VecX places = tool.model.placesInHandle(tool.state);
   ToolShape shape{VecX(3 * tool.model.freeNodes()), VecX(3 * tool.model.freeNodes())};
   for (int r = 0; r < tool.model.freeNodes(); ++r) {
     const int i = tool.model.free()[r];
-    const Vec3 y = rt * (tool.state.positions.segment<3>(3 * i) - p);
+    const Vec3 y = places.segment<3>(3 * i);
     shape.places.segment<3>(3 * r) = y;
     shape.speeds.segment<3>(3 * r) = rt * (tool.state.velocities.segment<3>(3 * i) - v) - w.cross(y);
   }
@@ -80,8 +80,8 @@ bool ToolReduction::factorize(World& world, const LiveSettings& settings, const 
   const Body tool = world.tool();
   const Material& material = tool.model.elasticity().material();
   const PreparedFollowing& prepared = tool.system.prepared();
-  mass_scale_ = 1.0 + prepared.step * material.damping_alpha;
-  e_ = prepared.step * (prepared.step + material.damping_beta);
+  mass_scale_ = material.massScale(prepared.step);
+  e_ = material.stiffnessScale(prepared.step);
   mass_ = freeMasses(tool.model);
   factor_ = &tool.system.factor();
   positions_ = prepared.elastic.x;
@@ -244,12 +244,12 @@ void ToolReduction::addContacts(World& world, const LiveSettings& settings, cons
       w.block<3, 3>(3 * i, 3 * j) += rt * others.block<3, 3>(3 * i, 3 * j) * rotation;
     }
   }
-  if (m > 0) {
-    const SymmetricEigen eigen = symmetricEigen(MatX(0.5 * (w + w.transpose())));
-    const MatX scaled = eigen.vectors * eigen.values.cwiseMax(kLeastCompliance).asDiagonal();
-    w = scaled * eigen.vectors.transpose();
-  }
   model.compliance = 0.5 * (w + w.transpose());
+  // It has no negative eigenvalue but by rounding: the modes are Ritz vectors, whose share is at most the whole.
+  for (double shift = kLeastCompliance; m > 0; shift *= 10) {
+    model.compliance.diagonal().array() += shift;
+    if (shift > kMostShift || isPositiveDefinite(MatX(model.compliance))) break;
+  }
 }
 
 // J times a field on the free nodes, by columns.

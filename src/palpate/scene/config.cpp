@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "palpate/scene/checks.h"
 #include "palpate/scene/limits.h"
@@ -64,6 +65,8 @@ const HandleConfig& ToolConfig::chosenHandle() const {
   const auto chosen = [&](const HandleConfig& candidate) { return candidate.name == handle; };
   return *std::find_if(handles.begin(), handles.end(), chosen);
 }
+
+HandleConfig& ToolConfig::chosenHandle() { return const_cast<HandleConfig&>(std::as_const(*this).chosenHandle()); }
 
 Vec3 facing(const ShapeConfig& shape) {
   return std::holds_alternative<AlienShapeConfig>(shape) ? Vec3::UnitY() : Vec3(-Vec3::UnitY());

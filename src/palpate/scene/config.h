@@ -190,6 +190,7 @@ struct ToolConfig : BodyConfig {
 
   /// The chosen handle.
   const HandleConfig& chosenHandle() const;
+  HandleConfig& chosenHandle();
 };
 
 // Fixed geometry, world frame.

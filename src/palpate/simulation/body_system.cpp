@@ -35,7 +35,7 @@ void BodySystem::assemble(const StepInput& input, BodyState& state) {
   state_ = &state;
   input_ = input;
   const double h = input.step;
-  c_ = h * fem.material().damping_beta + h * h;
+  c_ = fem.material().stiffnessScale(h);
   x0_ = state.positions;
   v0_ = start_velocities_ = state.velocities;
   start_ = state.handle;
@@ -63,7 +63,7 @@ void BodySystem::assemble(const StepInput& input, BodyState& state) {
     if (i == 0) {
       assembleRightSides();
     } else {
-      fem.assemblePart(i - 1, 1.0 + h * fem.material().damping_alpha, c_, state.elastic, a_, tension_);
+      fem.assemblePart(i - 1, fem.material().massScale(h), c_, state.elastic, a_, tension_);
     }
   });
 }
@@ -87,9 +87,8 @@ bool BodySystem::prepareFollowing(const VecX& places, const BodyState& state, do
 
 void BodySystem::assembleMatrix(double step, const ElasticState& elastic) {
   const ElasticMesh& fem = model_->elasticity();
-  const double c = step * fem.material().damping_beta + step * step;
-  parallelFor(ElasticMesh::kParts,
-              [&](int part) { fem.assemblePart(part, 1.0 + step * fem.material().damping_alpha, c, elastic, a_); });
+  const double mass_scale = fem.material().massScale(step), c = fem.material().stiffnessScale(step);
+  parallelFor(ElasticMesh::kParts, [&](int part) { fem.assemblePart(part, mass_scale, c, elastic, a_); });
 }
 
 // Rotations and forces, turned to where the path ends.

@@ -389,7 +389,7 @@ void ContactStage::holdBack(const MovingBodies& bodies, const Contact& c) {
     w += bodies[second].pointInverseMass(c.second);
   }
   approach = std::min(approach.dot(c.normal), 0.0) * c.normal;
-  const Vec3 impulse = w.ldlt().solve((0.9 * c.impact_time - 1.0) * approach);
+  const Vec3 impulse = w.inverse() * ((0.9 * c.impact_time - 1.0) * approach);
   if (!impulse.allFinite()) return;
   if (first >= 0) bodies[first].pushPoint(c.first, impulse);
   if (second >= 0) bodies[second].pushPoint(c.second, -impulse);

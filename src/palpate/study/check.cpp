@@ -1,7 +1,6 @@
 #include "palpate/study/check.h"
 
 #include <Eigen/LU>
-#include <Eigen/QR>
 #include <Eigen/SparseCholesky>
 #include <Eigen/SparseCore>
 #include <algorithm>
@@ -399,7 +398,7 @@ class SlowStep {
   ContactSet set_;  // those that carry force
   bool frozen_;
   SlowBody slow_tool_;
-  Eigen::CompleteOrthogonalDecomposition<MatX> decomposition_;
+  Eigen::FullPivLU<MatX> decomposition_;  // contacts may be redundant
   bool decomposed_ = false;
   MatX other_delassus_;  // of the bodies that the handle's motion does not reach but through contact
   VecX other_free_;

@@ -123,7 +123,7 @@ void measure(SceneStudy& study, const std::vector<char>& touching) {
   std::optional<double> reference_release;
   if (ended) {
     study.release_time = static_cast<double>(*ended) * dt;
-    free_force = study.reference[*ended + static_cast<std::size_t>(std::llround(0.3 / dt))].head<3>();
+    free_force = freeForce(study.reference, *ended, dt);
     reference_release = forceRelease(study.reference, *ended, *free_force, threshold, dt);
   }
   for (StudyRow& row : study.rows) {

@@ -8,6 +8,7 @@
 #include "palpate/record/json_file.h"
 #include "palpate/record/output_folder.h"
 #include "palpate/record/report.h"
+#include "palpate/record/text_table.h"
 #include "palpate/study/evaluate.h"
 
 namespace palpate {
@@ -210,18 +211,7 @@ std::string studyTable(const std::vector<SceneStudy>& studies) {
     out += referenceLine(study) + "\n";
     for (const StudyRow& row : study.rows) rows.push_back(cells(study, row));
   }
-  std::vector<std::size_t> widths(kHeader.size(), 0);
-  for (const auto& row : rows) {
-    for (std::size_t k = 0; k < row.size(); ++k) widths[k] = std::max(widths[k], row[k].size());
-  }
-  for (const auto& row : rows) {
-    for (std::size_t k = 0; k < row.size(); ++k) {
-      out += k < 2 ? fmt::format("{:<{}}  ", row[k], widths[k]) : fmt::format("{:>{}}  ", row[k], widths[k]);
-    }
-    while (out.back() == ' ') out.pop_back();
-    out += '\n';
-  }
-  return out;
+  return out + alignedColumns(rows, 2);
 }
 
 void writeStudy(const std::vector<SceneStudy>& studies, const std::filesystem::path& folder,

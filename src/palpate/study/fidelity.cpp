@@ -99,13 +99,12 @@ std::optional<double> forceRise(const WrenchTrace& trace, std::size_t tick, doub
 
 namespace {
 
-constexpr double kFree = 0.3;  // without contact after a release [s]
 constexpr double kGlue = 0.2;  // [s]
 
 }  // namespace
 
 std::optional<std::size_t> contactRelease(const std::vector<char>& touching, double dt) {
-  const std::size_t free = ticksIn(kFree, dt);
+  const std::size_t free = ticksIn(kFreeAfterRelease, dt);
   for (std::size_t i = touching.size(); i-- > 0;) {
     if (!touching[i]) continue;
     if (i + 1 + free >= touching.size()) return std::nullopt;
@@ -114,9 +113,13 @@ std::optional<std::size_t> contactRelease(const std::vector<char>& touching, dou
   return std::nullopt;
 }
 
+Vec3 freeForce(const WrenchTrace& trace, std::size_t tick, double dt) {
+  return trace[tick + ticksIn(kFreeAfterRelease, dt)].head<3>();
+}
+
 std::optional<double> forceRelease(const WrenchTrace& trace, std::size_t tick, const Vec3& free, double threshold,
                                    double dt) {
-  const std::size_t around = ticksIn(kFree, dt), first = tick > around ? tick - around : 0;
+  const std::size_t around = ticksIn(kFreeAfterRelease, dt), first = tick > around ? tick - around : 0;
   std::size_t i = std::min(tick + around, trace.size());
   const std::size_t end = i;
   while (i > first && (trace[i - 1].head<3>() - free).norm() <= threshold) --i;

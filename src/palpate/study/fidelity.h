@@ -48,11 +48,15 @@ std::optional<std::size_t> contactOnset(const std::vector<char>& touching);
 /// Time after `tick` at which the force has first changed by more than `threshold` [s]; none if it never does.
 std::optional<double> forceRise(const WrenchTrace& trace, std::size_t tick, double threshold, double dt);
 
-/// Tick at which the last contact ends, if nothing touches for 0.3 s after it; none otherwise.
+constexpr double kFreeAfterRelease = 0.3;  ///< [s]
+/// Tick at which the last contact ends, if nothing touches for kFreeAfterRelease after it; none otherwise.
 std::optional<std::size_t> contactRelease(const std::vector<char>& touching, double dt);
 
-/// Time after `tick` until the force stays within `threshold` of `free` for the rest of 0.3 s [s]; negative where it
-/// already did before, back to 0.3 s; none if it never does.
+/// Force once what came with the contact has faded: kFreeAfterRelease after the end of contact at `tick` [N].
+Vec3 freeForce(const WrenchTrace& trace, std::size_t tick, double dt);
+
+/// Time after `tick` until the force stays within `threshold` of `free` for the rest of kFreeAfterRelease [s]; negative
+/// where it already did before, back to as long before; none if it never does.
 std::optional<double> forceRelease(const WrenchTrace& trace, std::size_t tick, const Vec3& free, double threshold,
                                    double dt);
 

@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "palpate/common/error.h"
+#include "palpate/record/text_table.h"
 #include "palpate/scene/builder.h"
 #include "palpate/scene/text.h"
 #include "palpate/session/lockstep.h"
@@ -64,13 +65,6 @@ SceneConfig inHand(SceneConfig config, const HandStiffness& hand) {
   return config;
 }
 
-HandConfig& handOf(SceneConfig& config) {
-  auto& handles = config.tool.handles;
-  return std::find_if(handles.begin(), handles.end(),
-                      [&](const HandleConfig& h) { return h.name == config.tool.handle; })
-      ->hand;
-}
-
 }  // namespace
 
 HandStiffness handFrom(const std::string& text) {
@@ -100,7 +94,7 @@ HandStudy evaluateHands(const SceneStudy& given, const StudySettings& study, con
                         const std::function<void(double)>& progress) {
   HandStudy out;
   out.config = given.config;
-  std::vector<KeyframeConfig>& keys = handOf(out.config).keyframes;
+  std::vector<KeyframeConfig>& keys = out.config.tool.chosenHandle().hand.keyframes;
   if (keys.empty()) throw InputError("--hands", out.config.name, "needs keyframes for the hand");
   const auto peak = std::max_element(given.reference.begin(), given.reference.end(), [](const Vec6& a, const Vec6& b) {
     return a.head<3>().squaredNorm() < b.head<3>().squaredNorm();
@@ -174,22 +168,23 @@ nlohmann::ordered_json handsJson(const std::vector<HandStudy>& studies) {
 }
 
 std::string handTable(const std::vector<HandStudy>& studies) {
-  std::string out =
-      "scene            hand    method     visual, ms  swing, N  reference  swing, mm  reference  RMS, N  given, J  "
-      "reference\n";
+  std::vector<std::vector<std::string>> rows{{"scene", "hand", "method", "visual, ms", "swing, N", "reference",
+                                              "swing, mm", "reference", "RMS, N", "given, J", "reference"}};
+  std::string notes;
   for (const HandStudy& study : studies) {
     for (const HandRow& r : study.rows) {
-      out += fmt::format(
-          "{:<16} {:<7} {:<10} {:>10g} {:>9.4f} {:>10.4f} {:>10.3f} {:>10.3f} {:>7.3f} {:>+9.4f} {:>+10.4f}\n",
-          study.config.name, toString(r.hand), r.method, 1e3 * r.visual_step, r.hold.force, r.reference.force,
-          1e3 * r.hold.position, 1e3 * r.reference.position, r.error.rms_force, r.hold.given, r.reference.given);
+      rows.push_back({study.config.name, toString(r.hand), r.method, fmt::format("{:g}", 1e3 * r.visual_step),
+                      fmt::format("{:.4f}", r.hold.force), fmt::format("{:.4f}", r.reference.force),
+                      fmt::format("{:.3f}", 1e3 * r.hold.position), fmt::format("{:.3f}", 1e3 * r.reference.position),
+                      fmt::format("{:.3f}", r.error.rms_force), fmt::format("{:+.4f}", r.hold.given),
+                      fmt::format("{:+.4f}", r.reference.given)});
     }
-    out += fmt::format(
+    notes += fmt::format(
         "{}: held from {:g} s on, swings peak to peak in the third second after it; reference: the same hand "
         "on vc at {:g} ms\n",
         study.config.name, study.hold_time, 1e3 * study.config.haptic_step);
   }
-  return out;
+  return alignedColumns(rows, 3) + notes;
 }
 
 }  // namespace palpate

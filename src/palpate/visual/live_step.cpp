@@ -13,6 +13,25 @@ constexpr double kStrong = 3.0, kAnyway = 5.0;  // of the link's force, and [N]:
 constexpr double kFarthest = 0.01;              // that a correction may move a node [m]: more is no correction
 constexpr int kMostParts = 4;                   // steps in which a long way is made up for
 
+// Force and handle after a step, for the records: the tick has its own model.
+HandleModel shownModel(const World& world, double step, double time) {
+  const Body tool = world.tool();
+  HandleModel model;
+  model.force = tool.system.wrenchOnHandle(tool.state);
+  model.pose = model.handle_pose = tool.state.handle.pose;
+  model.twist = model.handle_twist = tool.state.handle.twist;
+  model.time = time;
+  model.step = step;
+  return model;
+}
+
+// The tool with the corrections that the next step is to bring into the world.
+ToolShape shiftedShape(const World& world, const VecX& shift) {
+  ToolShape shape = toolShape(world);
+  if (shift.size() > 0) shape.places += shift;
+  return shape;
+}
+
 }  // namespace
 
 void LiveVisual::begin(World& world, double step, std::int64_t index, double time) {
@@ -77,9 +96,7 @@ VisualRecord LiveVisual::step(World& world, const HandlePath& path, const Device
   const double length = tick_ * static_cast<double>(way.points.size() - 1);
   if (length <= 0) return record;
   if (state_.ready && !world.tool().system.prepared().ready) {
-    ToolShape shape = toolShape(world);
-    if (state_.shift.size() > 0) shape.places += state_.shift;
-    ToolReduction::prepare(world, settings_, shape, settings.step);
+    ToolReduction::prepare(world, settings_, shiftedShape(world, state_.shift), settings.step);
   }
   const int steps = std::clamp(static_cast<int>(std::ceil(length / (1.01 * settings.step))), 1, kMostParts);
   record.step = world.follow(way, length, steps * settings.substeps);
@@ -93,17 +110,8 @@ VisualRecord LiveVisual::step(World& world, const HandlePath& path, const Device
       state_.ready && !record.step.failed() && length <= kLongest * settings.step && replayed(world, path, now);
   reduce(world, known ? corrected(world, now) : toolShape(world), settings.step, path.end() - 1, time);
 
+  if (!record.step.failed()) record.model = shownModel(world, settings.step, time);
   record.model.unsound = !record.step.sound();
-  if (record.step.failed()) return record;
-  const Body tool = world.tool();
-  const bool unsound = record.model.unsound;
-  record.model = {};
-  record.model.unsound = unsound;
-  record.model.force = tool.system.wrenchOnHandle(tool.state);
-  record.model.pose = record.model.handle_pose = tool.state.handle.pose;
-  record.model.twist = record.model.handle_twist = tool.state.handle.twist;
-  record.model.time = time;
-  record.model.step = settings.step;
   return record;
 }
 
