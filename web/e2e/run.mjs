@@ -418,7 +418,7 @@ if (options.shots) {
       test(`picture: ${colorScheme}, ${kind}`, running(async (page) => {
         await page.waitForTimeout(6000);
         await page.screenshot({ path: join(options.shots, `${colorScheme}-${kind}.png`) });
-      }, { colorScheme, viewport }));
+      }, { colorScheme, viewport, deviceScaleFactor: 1 }));
     }
   }
 }
