@@ -65,6 +65,8 @@ void addEvaluateCommand(CLI::App& app) {
       ->type_name("S,S");
   command->add_option("--latency", overrides.latency, "Visual steps until a step's result reaches the haptic loop")
       ->type_name("N");
+  command->add_option("--jitter", overrides.jitter, "Visual steps that a result may be later still, by chance")
+      ->type_name("N");
   command->add_option("--aim", overrides.aim, "What the visual handle aims at: sample or predicted")->type_name("NAME");
   command->add_option("--derivative", overrides.derivative, "Derivative in the handle model: frozen or full")
       ->type_name("NAME");

@@ -30,7 +30,10 @@ struct SceneOptions {
     command.add_option("--visual-dt", overrides.visual_dt, "Length of a visual step, s")->type_name("S");
     command.add_option("--latency", overrides.latency, "Visual steps until a step's result reaches the haptic loop")
         ->type_name("N");
-    command.add_option("--seed", overrides.seed, "Of everything random: the motion of palpate stress")->type_name("N");
+    command.add_option("--jitter", overrides.jitter, "Visual steps that a result may be later still, by chance")
+        ->type_name("N");
+    command.add_option("--seed", overrides.seed, "Of everything random: jitter, the motion of palpate stress")
+        ->type_name("N");
     command.add_option("--tetrahedra", overrides.tetrahedra, "Wanted size of the tool's simulation mesh")
         ->type_name("N");
   }

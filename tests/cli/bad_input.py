@@ -184,6 +184,7 @@ rejected_variants("bad-option", {
     "visual-dt-nan": option("--visual-dt", "nan"),
     "visual-dt-not-a-multiple": option("--visual-dt", "0.0105"),
     "latency-negative": option("--latency", "-1"),
+    "jitter-negative": option("--jitter", "-1"),
     "method": option("--method", "magic"),
     "handle": option("--handle", "tail"),
     "device": option("--device", "wand"),

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 
@@ -20,7 +21,7 @@ Vec6 wrench(double fx, double fy, double fz, double tx = 0, double ty = 0, doubl
 }
 
 SafetyChain::Input input(const Vec6& w, double age = 0.0, double since_start = 1.0) {
-  return {w, since_start, age, kDt, Vec3::Zero()};
+  return {w, since_start, age, kDt, Vec6::Zero()};
 }
 
 SafetySettings withoutSlew() {
@@ -141,15 +142,61 @@ TEST(Safety, PassivityControllerTakesOutTheSurplus) {
   SafetyChain chain(settings);
   PassivityObserver observer;
   SafetyChain::Input moving = input(wrench(1, 0, 0));
-  moving.device_velocity = Vec3(0.5, 0, 0);
+  moving.device_twist = wrench(0.5, 0, 0);
   observer.add(wrench(1, 0, 0), wrench(0.009, 0, 0));
   EXPECT_EQ(chain.process(moving, observer).wrench[0], 1.0);
   observer.add(wrench(1, 0, 0), wrench(0.002, 0, 0));  // 1 mJ too much: 4 N s/m would take it out in a tick
   const auto damped = chain.process(moving, observer);
   EXPECT_DOUBLE_EQ(damped.wrench[0], 1.0 - 2.0 * 0.5);
   EXPECT_TRUE(damped.flags.has(TickFlag::passivity_damped));
-  moving.device_velocity = Vec3(0.001, 0, 0);
+  moving.device_twist = wrench(0.001, 0, 0);
   EXPECT_EQ(chain.process(moving, observer).wrench[0], 1.0);
+}
+
+// What force and torque take out together is the surplus, or what the dampings can.
+TEST(Safety, PassivityControllerDampsTurningToo) {
+  PassivitySettings settings;
+  settings.enabled = true;
+  settings.allowance = 0.0;
+  const Vec6 twist = wrench(0.1, 0, -0.2, 3, 0, 4);
+  for (const double surplus : {1e-6, 1e-5, 1.0}) {
+    PassivityObserver observer;
+    observer.add(wrench(surplus, 0, 0), wrench(1, 0, 0));
+    const Vec6 damping = passivityWrench(settings, observer, twist, kDt);
+    const double most = kDt * (settings.max_damping * 0.05 + settings.max_rotational_damping * 25);
+    EXPECT_NEAR(-kDt * damping.dot(twist), std::min(surplus, most), 1e-15);
+    EXPECT_LT(damping.tail<3>().dot(twist.tail<3>()), 0);
+  }
+  PassivityObserver observer;
+  observer.add(wrench(1, 0, 0), wrench(1, 0, 0));
+  const Vec6 turning = passivityWrench(settings, observer, wrench(0.001, 0, 0, 1, 0, 0), kDt);
+  EXPECT_EQ(turning.head<3>(), Vec3(Vec3::Zero()));
+  EXPECT_DOUBLE_EQ(turning[3], -settings.max_rotational_damping);
+  EXPECT_TRUE(passivityWrench(settings, observer, wrench(0.001, 0, 0, 0.05, 0, 0), kDt).isZero(0.0));
+}
+
+// A spring that gives more on the way out than it took on the way in, turned back and forth: without the controller its
+// energy grows without end.
+TEST(Safety, PassivityControllerBoundsAnActiveTorsionSpring) {
+  const auto delivered = [](bool enabled) {
+    SafetySettings settings = withoutSlew();
+    settings.passivity.enabled = enabled;
+    settings.passivity.max_rotational_damping = 0.05;
+    SafetyChain chain(settings);
+    chain.start(Vec6::Zero());
+    PassivityObserver observer;
+    for (int i = 0; i < 10000; ++i) {
+      const double phase = 6.0 * i * kDt, angle = 0.5 * std::sin(phase), spin = 3.0 * std::cos(phase);
+      const double stiffness = angle * spin < 0 ? 0.09 : 0.07;  // [N m/rad]
+      SafetyChain::Input in = input(wrench(0, 0, 0, -stiffness * angle, 0, 0));
+      in.device_twist = wrench(0, 0, 0, spin, 0, 0);
+      const Vec6 sent = chain.process(in, observer).wrench;
+      observer.add(sent, wrench(0, 0, 0, 0.5 * (std::sin(phase + 6.0 * kDt) - std::sin(phase)), 0, 0));
+    }
+    return observer.delivered();
+  };
+  EXPECT_GT(delivered(false), 0.03);
+  EXPECT_LT(delivered(true), 0.01 + 0.001);
 }
 
 TEST(Safety, RejectsBadSettings) {

@@ -27,6 +27,7 @@ TEST(Overrides, ChangeWhatTheyName) {
   overrides.duration = 1.5;
   overrides.visual_dt = 0.01;
   overrides.latency = 0;
+  overrides.jitter = 3;
   overrides.seed = 9;
   overrides.tetrahedra = 3000;
   applyOverrides(scene, overrides);
@@ -40,6 +41,7 @@ TEST(Overrides, ChangeWhatTheyName) {
   EXPECT_EQ(scene.duration, 1.5);
   EXPECT_EQ(scene.ticksPerStep(), 5);
   EXPECT_EQ(scene.latency, 0);
+  EXPECT_EQ(scene.jitter, 3);
   EXPECT_EQ(scene.seed, 9U);
   EXPECT_EQ(scene.tool.tetrahedra, 3000);
 }

@@ -35,6 +35,7 @@ TEST(SceneReader, ReadsTheRun) {
   EXPECT_EQ(scene.aim, AimName::predicted);
   EXPECT_EQ(scene.derivative, DerivativeName::full);
   EXPECT_EQ(scene.latency, 2);
+  EXPECT_EQ(scene.jitter, 3);
   EXPECT_EQ(scene.seed, 18446744073709551615ULL);
   EXPECT_EQ(scene.visual_step, 0.02);
   EXPECT_EQ(scene.substeps, 3);
@@ -89,6 +90,11 @@ TEST(SceneReader, ReadsContactLinkDeviceAndSafety) {
   EXPECT_EQ(scene.safety.settings.max_slew, 500.0);
   EXPECT_EQ(scene.safety.settings.start_ramp, 0.3);
   EXPECT_EQ(scene.safety.model_age_limit, 0.2);
+  const PassivitySettings& passivity = scene.safety.settings.passivity;
+  EXPECT_TRUE(passivity.enabled);
+  EXPECT_EQ(passivity.allowance, 0.02);
+  EXPECT_EQ(passivity.max_damping, 1.5);
+  EXPECT_EQ(passivity.max_rotational_damping, 0.004);
 }
 
 TEST(SceneReader, LinkIsWhatTheDeviceAllowsButForItsOwnKeys) {
@@ -243,6 +249,8 @@ TEST(SceneReader, SmallSceneHasTheDefaultsOfItsStructs) {
   EXPECT_EQ(scene.visual_step, 0.033);
   EXPECT_EQ(scene.ticksPerStep(), 33);
   EXPECT_EQ(scene.latency, 1);
+  EXPECT_EQ(scene.jitter, 0);
+  EXPECT_FALSE(scene.safety.settings.passivity.enabled);
   EXPECT_EQ(scene.method, MethodName::live);
   EXPECT_EQ(scene.aim, AimName::sample);
   EXPECT_EQ(scene.substeps, 1);
@@ -365,6 +373,8 @@ const BadChange kBadRanges[] = {
      "visual.step:", "not a whole multiple of the haptic step, 0.002 s"},
     {"visual: {step: 0.02, substeps: 3}", "visual: {step: 0.0005}", "visual.step:", "not a whole multiple"},
     {"latency: 2", "latency: -1", "latency (", "at least 0 and at most 100"},
+    {"jitter: 3", "jitter: 101", "jitter (", "at least 0 and at most 100"},
+    {"max_damping: 1.5", "max_damping: -1", "safety.passivity.max_damping (", "at least 0"},
     {"method: hsl-exact", "method: hls", "method (", "\"hls\" is not one of live, hsl, hsl-exact, vc"},
     {"aim: predicted", "aim: guess", "aim (", "not one of sample, predicted"},
     {"derivative: full", "derivative: half", "linearization.derivative (", "not one of frozen, full"},

@@ -132,8 +132,13 @@ device:
   hand_rotational_stiffness: 1.5
   hand_rotational_damping: 0.02
   limits: {peak_force: 8, continuous_force: 2, peak_torque: 0.2, stiffness: 900, damping: 6, rotational_stiffness: 2, rotational_damping: 0.006, workspace_radius: 0.2}
-safety: {max_slew: 500, start_ramp: 0.3, model_age_limit: 0.2}
+safety:
+  max_slew: 500
+  start_ramp: 0.3
+  model_age_limit: 0.2
+  passivity: {allowance: 0.02, max_damping: 1.5, max_rotational_damping: 0.004}
 weight_compensation: true
+jitter: 3
 )";
 
 /// The least that a scene can be.

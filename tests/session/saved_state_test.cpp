@@ -146,6 +146,7 @@ TEST(SavedLiveState, GoesOnToTheBitInAWorldBuiltAnew) {
   for (const char* name : {"alien", "palpation"}) {
     SceneConfig config = sceneNamed(name);
     config.method = MethodName::live;
+    config.jitter = 2;
     expectToGoOnToTheBit(config);
   }
 }

@@ -91,12 +91,13 @@ double swing(const SceneConfig& config, double from, double to) {
 TEST(Live, IsQuietInSoftHands) {
   for (const auto& [stiffness, damping] : {std::pair{500.0, 8.0}, {200.0, 3.0}, {100.0, 2.0}, {30.0, 0.5}}) {
     for (const double friction : {0.0, 0.5}) {
-      for (const int latency : {1, 2}) {
+      for (const auto& [latency, jitter] : {std::pair{1, 0}, {2, 0}, {1, 1}, {1, 2}}) {
         SceneConfig config = shipped("cube");
         config.duration = 4.0;
         config.contact.friction = friction;
         config.obstacles.front().friction = friction;
         config.latency = latency;
+        config.jitter = jitter;
         config.method = MethodName::live;
         config.device = {};
         config.device.kind = DeviceName::simulated;
@@ -104,8 +105,8 @@ TEST(Live, IsQuietInSoftHands) {
         config.device.hand_damping = damping;
         auto& keys = config.tool.handles.front().hand.keyframes;
         keys.resize(3);  // press and hold
-        EXPECT_LE(swing(config, 3.4, 4.0), 0.01) << stiffness << ' ' << friction << ' ' << latency;
-        if (stiffness > 150) continue;
+        EXPECT_LE(swing(config, 3.4, 4.0), 0.01) << stiffness << ' ' << friction << ' ' << latency << ' ' << jitter;
+        if (stiffness > 150 || jitter > 0) continue;
         config.method = MethodName::hsl;
         EXPECT_GT(swing(config, 3.4, 4.0), 1.0) << "what the method is for";
       }

@@ -10,6 +10,17 @@ export const select = (id: string): HTMLSelectElement => byId(id, HTMLSelectElem
 export const input = (id: string): HTMLInputElement => byId(id, HTMLInputElement);
 export const element = (id: string): HTMLElement => byId(id, HTMLElement);
 
+/** Calls `act` when the button is pressed. */
+export function onPress(id: string, act: () => void): void {
+  button(id).addEventListener('click', act);
+}
+
+/** Calls `act` with what is chosen. */
+export function onChoice(id: string, act: (value: string) => void): void {
+  const control = select(id);
+  control.addEventListener('change', () => act(control.value));
+}
+
 export function setText(target: HTMLElement, text: string): void {
   if (target.textContent !== text) target.textContent = text;
 }

@@ -1,6 +1,21 @@
 // Puts the page together: messages in, pictures and plots out, controls to commands.
 import { Connection, type Link } from './connection.ts';
-import { button, byId, download, element, fillSelect, input, remember, remembered, select, setIcon, setPressed, setText } from './dom.ts';
+import {
+  button,
+  byId,
+  download,
+  element,
+  fillSelect,
+  input,
+  onChoice,
+  onPress,
+  remember,
+  remembered,
+  select,
+  setIcon,
+  setPressed,
+  setText,
+} from './dom.ts';
 import { Hand } from './hand.ts';
 import { Panel, Slider } from './panel.ts';
 import { forgetColors } from './plots.ts';
@@ -213,6 +228,7 @@ class App {
   private showState(): void {
     const { state, scene } = this;
     if (!state || !scene) return;
+    this.view.setAtProxy(state.method === 'live');
     fillSelect(select('handle'), scene.handles.map((h) => [h, h]), state.handle);
     fillSelect(select('method'), scene.methods.map((m) => [m, METHOD_NAMES[m] ?? m]), state.method);
     const speeds = SPEEDS.includes(state.speed) ? SPEEDS : [...SPEEDS, state.speed].sort((a, b) => a - b);
@@ -336,6 +352,7 @@ class App {
       this.replayPart = moment.part;
       this.scene = part.scene;
       this.state = part.state;
+      this.view.setAtProxy(part.state?.method === 'live');
       this.describe(part.scene);
     } else if (before === replay.time && this.frame === moment.a && !this.replayStale) {
       return;
@@ -491,31 +508,41 @@ class App {
   }
 
   private wireControls(): void {
-    const on = (id: string, act: () => void): void => button(id).addEventListener('click', act);
-    on('pause', () => this.togglePause());
-    on('step', () => this.singleStep());
-    on('reset', () => this.send({ type: 'reset' }));
-    on('path', () => this.send({ type: 'play' }));
-    on('record', () => this.send({ type: 'record', on: this.state?.recording == null }));
-    on('theme', () => this.theme.toggle());
-    on('help', () => this.help());
-    on('toggle-panel', () => this.togglePanel());
-    on('zoom-in', () => this.view.orbit.zoom(1 / 1.25));
-    on('zoom-out', () => this.view.orbit.zoom(1.25));
-    on('camera-home', () => this.view.orbit.reset());
-    on('camera-follow', () => this.follow());
-    on('now', () => this.panel.time.now());
-    for (const what of ['frames', 'arrows', 'contacts', 'mesh'] as const) on(`show-${what}`, () => this.toggleShown(what));
-    const changed = (id: string, act: (value: string) => void): void => {
-      const control = select(id);
-      control.addEventListener('change', () => act(control.value));
+    this.wireButtons();
+    this.wireChoices();
+    this.wireSaveMenu();
+    this.wireReplay();
+    this.drawLegend();
+    this.hand.onHold = (holding) => {
+      if (holding) this.held = true;
     };
-    changed('scene', (name) => this.send({ type: 'scene', name }));
-    changed('handle', (handle) => this.set({ handle }));
-    changed('method', (method) => this.set({ method }));
-    changed('speed', (speed) => this.set({ speed: Number(speed) }));
-    changed('color', (color) => this.setColor(color as Coloring));
-    changed('window', (seconds) => {
+    if (remembered('panel') === 'hidden' || (remembered('panel') === null && window.innerWidth < 560)) this.togglePanel();
+  }
+
+  private wireButtons(): void {
+    onPress('pause', () => this.togglePause());
+    onPress('step', () => this.singleStep());
+    onPress('reset', () => this.send({ type: 'reset' }));
+    onPress('path', () => this.send({ type: 'play' }));
+    onPress('record', () => this.send({ type: 'record', on: this.state?.recording == null }));
+    onPress('theme', () => this.theme.toggle());
+    onPress('help', () => this.help());
+    onPress('toggle-panel', () => this.togglePanel());
+    onPress('zoom-in', () => this.view.orbit.zoom(1 / 1.25));
+    onPress('zoom-out', () => this.view.orbit.zoom(1.25));
+    onPress('camera-home', () => this.view.orbit.reset());
+    onPress('camera-follow', () => this.follow());
+    onPress('now', () => this.panel.time.now());
+    for (const what of ['frames', 'arrows', 'contacts', 'mesh'] as const) onPress(`show-${what}`, () => this.toggleShown(what));
+  }
+
+  private wireChoices(): void {
+    onChoice('scene', (name) => this.send({ type: 'scene', name }));
+    onChoice('handle', (handle) => this.set({ handle }));
+    onChoice('method', (method) => this.set({ method }));
+    onChoice('speed', (speed) => this.set({ speed: Number(speed) }));
+    onChoice('color', (color) => this.setColor(color as Coloring));
+    onChoice('window', (seconds) => {
       this.panel.time.length = Number(seconds);
       this.replayStale = true;
     });
@@ -529,14 +556,15 @@ class App {
         : `${Number((max * 1000).toPrecision(3))} mm`; // prettier-ignore
       setText(element('legend-high'), text);
     };
-    this.drawLegend();
+  }
 
+  private wireSaveMenu(): void {
     const menu = element('save-menu');
     const showMenu = (shown: boolean): void => {
       menu.hidden = !shown;
       button('save').setAttribute('aria-expanded', String(shown));
     };
-    on('save', () => {
+    onPress('save', () => {
       showMenu(menu.hidden);
       if (!menu.hidden) button('save-picture').focus();
     });
@@ -556,7 +584,7 @@ class App {
       if (e.target instanceof Node && !button('save').parentElement?.contains(e.target)) showMenu(false);
     });
     const save = (id: string, act: () => void): void =>
-      on(id, () => {
+      onPress(id, () => {
         showMenu(false);
         button('save').focus();
         act();
@@ -565,23 +593,21 @@ class App {
     save('save-ticks', () => download(tickTable(this.history), `${name()}-ticks.csv`, 'text/csv'));
     save('save-steps', () => download(stepTable(this.history), `${name()}-steps.csv`, 'text/csv'));
     save('save-picture', () => void this.savePicture(name()));
+  }
 
+  private wireReplay(): void {
     fillSelect(select('replay-speed'), REPLAY_SPEEDS.map((s) => [String(s), `${s} x`]), '1');
-    changed('replay-speed', (speed) => {
+    onChoice('replay-speed', (speed) => {
       if (this.replay) this.replay.speed = Number(speed);
     });
-    on('replay-play', () => this.togglePause());
-    on('replay-leave', () => this.leaveReplay());
+    onPress('replay-play', () => this.togglePause());
+    onPress('replay-leave', () => this.leaveReplay());
     input('replay-time').addEventListener('input', () => {
       if (!this.replay) return;
       this.replay.playing = false;
       this.replay.seek(Number(input('replay-time').value));
       this.replayStale = true;
     });
-    this.hand.onHold = (holding) => {
-      if (holding) this.held = true;
-    };
-    if (remembered('panel') === 'hidden' || (remembered('panel') === null && window.innerWidth < 560)) this.togglePanel();
   }
 
   private async savePicture(name: string): Promise<void> {
@@ -611,71 +637,54 @@ class App {
     // A ring around the whole scene is for those who come by keyboard.
     document.addEventListener('pointerdown', () => document.body.classList.add('pointing'), true);
     document.addEventListener('keydown', () => document.body.classList.remove('pointing'), true);
+    const keys = this.keys();
+    const ofPlots = ['+', '=', '-']; // a plot that has the focus zooms itself
     document.addEventListener('keydown', (e) => {
       const target = e.target as HTMLElement;
       if (e.ctrlKey || e.metaKey || e.altKey || target.closest('select, input, dialog, [role=menu]')) return;
       if (e.key === ' ' && target.closest('button, summary')) return;
-      const onPlot = target.closest('.plot canvas') !== null;
-      switch (e.key) {
-        case ' ':
-          this.togglePause();
-          break;
-        case '.':
-          this.singleStep();
-          break;
-        case ',':
-          this.replay?.stepFrame(false);
-          this.replayStale = true;
-          break;
-        case 'r':
-          if (!this.replay) this.send({ type: 'reset' });
-          break;
-        case 'p':
-          if (!this.replay) this.send({ type: 'play' });
-          break;
-        case 'f':
-          this.follow();
-          break;
-        case '0':
-          this.view.orbit.reset();
-          break;
-        case '+':
-        case '=':
-          if (onPlot) return;
-          this.view.orbit.zoom(1 / 1.15);
-          break;
-        case '-':
-          if (onPlot) return;
-          this.view.orbit.zoom(1.15);
-          break;
-        case '1':
-          this.toggleShown('frames');
-          break;
-        case '2':
-          this.toggleShown('arrows');
-          break;
-        case '3':
-          this.toggleShown('contacts');
-          break;
-        case '4':
-          this.toggleShown('mesh');
-          break;
-        case '5': {
-          const all: Coloring[] = ['plain', 'stress', 'displacement'];
-          this.setColor(all[(all.indexOf(this.view.shown.color) + 1) % 3] as Coloring);
-          break;
-        }
-        case '\\':
-          this.togglePanel();
-          break;
-        case '?':
-          this.help();
-          break;
-        default:
-          return;
-      }
+      if (ofPlots.includes(e.key) && target.closest('.plot canvas')) return;
+      const act = keys.get(e.key);
+      if (!act) return;
+      act();
       e.preventDefault();
     });
+  }
+
+  /** What each key does, as the help lists them. */
+  private keys(): Map<string, () => void> {
+    const nearer = (): void => this.view.orbit.zoom(1 / 1.15);
+    return new Map<string, () => void>([
+      [' ', () => this.togglePause()],
+      ['.', () => this.singleStep()],
+      [
+        ',',
+        () => {
+          this.replay?.stepFrame(false);
+          this.replayStale = true;
+        },
+      ],
+      ['r', () => !this.replay && this.send({ type: 'reset' })],
+      ['p', () => !this.replay && this.send({ type: 'play' })],
+      ['f', () => this.follow()],
+      ['0', () => this.view.orbit.reset()],
+      ['+', nearer],
+      ['=', nearer],
+      ['-', () => this.view.orbit.zoom(1.15)],
+      ['1', () => this.toggleShown('frames')],
+      ['2', () => this.toggleShown('arrows')],
+      ['3', () => this.toggleShown('contacts')],
+      ['4', () => this.toggleShown('mesh')],
+      [
+        '5',
+        () => {
+          const all: Coloring[] = ['plain', 'stress', 'displacement'];
+          this.setColor(all[(all.indexOf(this.view.shown.color) + 1) % 3] as Coloring);
+        },
+      ],
+      ['\\', () => this.togglePanel()],
+      ['?', () => this.help()],
+    ]);
   }
 
   // --- files ----------------------------------------------------------------------------------------------------------

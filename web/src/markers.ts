@@ -29,6 +29,26 @@ export function place(object: Object3D, pose: Pose): void {
   object.quaternion.set(x, y, z, w);
 }
 
+/** Moves an object as the rigid motion does that takes one pose to another. */
+export function placeFrom(object: Object3D, from: Pose, to: Pose): void {
+  place(object, to);
+  const [w, x, y, z] = from.rotation;
+  object.quaternion.multiply(new Quaternion(-x, -y, -z, w));
+  object.position.sub(new Vector3().fromArray(from.position).applyQuaternion(object.quaternion));
+}
+
+/** A share of the way from one pose to another. */
+export function poseBetween(from: Pose, to: Pose, share: number): Pose {
+  const position = new Vector3().fromArray(from.position).lerp(new Vector3().fromArray(to.position), share);
+  const turned = quaternionOf(from).slerp(quaternionOf(to), share);
+  return { position: position.toArray(), rotation: [turned.w, turned.x, turned.y, turned.z] };
+}
+
+function quaternionOf(pose: Pose): Quaternion {
+  const [w, x, y, z] = pose.rotation;
+  return new Quaternion(x, y, z, w);
+}
+
 /** A straight arrow of unit thickness; `size` [m] sets its thickness. */
 export class Arrow {
   readonly group = new Group();

@@ -120,6 +120,17 @@ export class TimeWindow {
   }
 }
 
+/** What part of time a plot shows, and where times and values are on its canvas. */
+interface Frame {
+  start: number;
+  end: number;
+  /** of the area between the axes */
+  w: number;
+  h: number;
+  x: (time: number) => number;
+  y: (value: number) => number;
+}
+
 export class Plot {
   readonly element = document.createElement('section');
   readonly canvas = document.createElement('canvas');
@@ -241,8 +252,24 @@ export class Plot {
   }
 
   draw(): void {
-    const { canvas, context: c, spec, window: time } = this;
+    const { canvas, context: c, spec } = this;
     if (!this.visible || canvas.clientWidth === 0) return;
+    const frame = this.frame();
+    this.drawAxes(frame);
+    c.save();
+    c.beginPath();
+    c.rect(LEFT, 0, frame.w + RIGHT, canvas.clientHeight);
+    c.clip();
+    this.drawLevel(frame);
+    for (const series of spec.series) this.drawSeries(series, frame);
+    this.drawCursor(frame);
+    c.restore();
+  }
+
+  /** An empty canvas as large as it is shown, and where values and times are on it. */
+  private frame(): Frame {
+    const { canvas, context: c, spec } = this;
+    const { start, end } = this.window;
     const ratio = Math.min(2, window.devicePixelRatio || 1);
     const width = canvas.clientWidth;
     const height = canvas.clientHeight;
@@ -254,12 +281,19 @@ export class Plot {
     c.clearRect(0, 0, width, height);
     const w = width - LEFT - RIGHT;
     const h = height - TOP - BOTTOM;
-    const { start, end } = time;
     this.rescale(start, end);
-    const y = (v: number): number => TOP + h - ((v * (spec.scale ?? 1) - this.low) / (this.high - this.low)) * h;
-    const x = (t: number): number => LEFT + ((t - start) / (end - start)) * w;
+    return {
+      start,
+      end,
+      w,
+      h,
+      x: (t) => LEFT + ((t - start) / (end - start)) * w,
+      y: (v) => TOP + h - ((v * (spec.scale ?? 1) - this.low) / (this.high - this.low)) * h,
+    };
+  }
 
-    // axes
+  private drawAxes({ start, end, w, h, x, y }: Frame): void {
+    const { context: c, spec } = this;
     c.font = '11px system-ui, sans-serif';
     c.lineWidth = 1;
     c.strokeStyle = cssColor('--grid');
@@ -280,71 +314,70 @@ export class Plot {
       const at = Math.round(x(t)) + 0.5;
       c.moveTo(at, TOP);
       c.lineTo(at, TOP + h);
-      if (at > LEFT + 8 && at < width - 14) c.fillText(`${short(Number(t.toFixed(6)))} s`, at, TOP + h + 4);
+      if (at > LEFT + 8 && at < LEFT + w + RIGHT - 14) c.fillText(`${short(Number(t.toFixed(6)))} s`, at, TOP + h + 4);
     }
     c.stroke();
+  }
 
-    c.save();
-    c.beginPath();
-    c.rect(LEFT, 0, w + RIGHT, height);
-    c.clip();
+  private drawLevel({ w, y }: Frame): void {
+    const { context: c, spec } = this;
     const level = spec.level?.() ?? null;
-    if (level !== null) {
-      c.strokeStyle = cssColor('--accent');
-      c.setLineDash([4, 4]);
-      c.beginPath();
-      c.moveTo(LEFT, y(level));
-      c.lineTo(LEFT + w, y(level));
-      c.stroke();
-      c.setLineDash([]);
-    }
-    c.lineJoin = 'round';
-    for (const series of spec.series) {
-      const track = series.track();
-      const n = decimate(track, series.column, start, end, Math.max(1, Math.round(w)), this.buffer);
-      c.strokeStyle = cssColor(series.color);
-      c.lineWidth = series.width ?? 1.3;
-      c.setLineDash(series.dash ?? []);
-      c.beginPath();
-      let pen = false;
-      let previous = 0;
-      for (let i = 0; i < n; i += 5) {
-        const at = LEFT + (this.buffer[i] as number);
-        const first = this.buffer[i + 1] as number;
-        if (!Number.isFinite(first) || !Number.isFinite(this.buffer[i + 2] as number)) {
-          pen = false;
-          continue;
-        }
-        if (!pen) c.moveTo(at, y(first));
-        else if (series.hold) c.lineTo(at, previous);
-        pen = true;
-        c.lineTo(at, y(first));
-        const least = this.buffer[i + 2] as number;
-        const greatest = this.buffer[i + 3] as number;
-        const last = this.buffer[i + 4] as number;
-        if (least !== greatest) {
-          c.lineTo(at, y(least));
-          c.lineTo(at, y(greatest));
-          c.lineTo(at, y(last));
-        }
-        previous = y(Number.isFinite(last) ? last : first);
-      }
-      if (pen && series.hold) c.lineTo(Math.min(LEFT + w, x(Math.max(end, track.lastTime))), previous);
-      c.stroke();
-    }
+    if (level === null) return;
+    c.strokeStyle = cssColor('--accent');
+    c.setLineDash([4, 4]);
+    c.beginPath();
+    c.moveTo(LEFT, y(level));
+    c.lineTo(LEFT + w, y(level));
+    c.stroke();
     c.setLineDash([]);
-    if (time.cursor !== null && time.cursor >= start && time.cursor <= end) {
-      c.strokeStyle = cssColor('--text');
-      c.globalAlpha = 0.55;
-      c.lineWidth = 1;
-      const at = Math.round(x(time.cursor)) + 0.5;
-      c.beginPath();
-      c.moveTo(at, TOP);
-      c.lineTo(at, TOP + h);
-      c.stroke();
-      c.globalAlpha = 1;
+  }
+
+  private drawSeries(series: SeriesSpec, { start, end, w, x, y }: Frame): void {
+    const { context: c, buffer } = this;
+    const track = series.track();
+    const n = decimate(track, series.column, start, end, Math.max(1, Math.round(w)), buffer);
+    c.lineJoin = 'round';
+    c.strokeStyle = cssColor(series.color);
+    c.lineWidth = series.width ?? 1.3;
+    c.setLineDash(series.dash ?? []);
+    c.beginPath();
+    let pen = false;
+    let previous = 0;
+    for (let i = 0; i < n; i += 5) {
+      const at = LEFT + (buffer[i] as number);
+      const first = buffer[i + 1] as number;
+      const least = buffer[i + 2] as number;
+      const greatest = buffer[i + 3] as number;
+      const last = buffer[i + 4] as number;
+      if (!Number.isFinite(first) || !Number.isFinite(least)) {
+        pen = false;
+        continue;
+      }
+      if (!pen) c.moveTo(at, y(first));
+      else if (series.hold) c.lineTo(at, previous);
+      pen = true;
+      c.lineTo(at, y(first));
+      if (least !== greatest) for (const v of [least, greatest, last]) c.lineTo(at, y(v));
+      previous = y(Number.isFinite(last) ? last : first);
     }
-    c.restore();
+    if (pen && series.hold) c.lineTo(Math.min(LEFT + w, x(Math.max(end, track.lastTime))), previous);
+    c.stroke();
+    c.setLineDash([]);
+  }
+
+  private drawCursor({ start, end, h, x }: Frame): void {
+    const { context: c } = this;
+    const { cursor } = this.window;
+    if (cursor === null || cursor < start || cursor > end) return;
+    c.strokeStyle = cssColor('--text');
+    c.globalAlpha = 0.55;
+    c.lineWidth = 1;
+    const at = Math.round(x(cursor)) + 0.5;
+    c.beginPath();
+    c.moveTo(at, TOP);
+    c.lineTo(at, TOP + h);
+    c.stroke();
+    c.globalAlpha = 1;
   }
 
   /** The axis grows at once and shrinks when there is much room. */

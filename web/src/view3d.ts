@@ -28,7 +28,7 @@ import { BodyView, type Shared } from './body.ts';
 import { OrbitCamera } from './camera.ts';
 import { castRay, shadingSurface } from './embedding.ts';
 import { Ground } from './ground.ts';
-import { Arrow, Contacts, Ring, makeTriad, place, setSegment } from './markers.ts';
+import { Arrow, Contacts, Ring, makeTriad, place, placeFrom, poseBetween, setSegment } from './markers.ts';
 import type { Frame, Geometry, Pose, SceneInfo } from './protocol.ts';
 import { rampTexels } from './ramp.ts';
 import { displacement } from './rigid_fit.ts';
@@ -122,6 +122,11 @@ export class View3D {
   private drawnWrench = new Float32Array(6);
   private device: Pose = { position: [0, 0, 0], rotation: [1, 0, 0, 0] };
   private proxy: Pose = this.device;
+  /** of the nodes that drawing glides from and to, and as drawn */
+  private handleFrom: Pose = this.device;
+  private handleTo: Pose = this.device;
+  private handle: Pose = this.device;
+  private atProxy = false;
   private fits: Float64Array[] = [];
   private dark = false;
   private width = 1;
@@ -252,7 +257,7 @@ export class View3D {
     this.deviceTriad = makeTriad(triad, false);
     this.proxyTriad = makeTriad(triad * 0.8, true);
     this.overlay.add(this.deviceTriad, this.proxyTriad);
-    this.device = this.proxy = info.start;
+    this.device = this.proxy = this.handleFrom = this.handleTo = this.handle = info.start;
     this.wrench.fill(0);
     this.drawnWrench.fill(0);
     this.contacts.set(new Float32Array(0), 1);
@@ -341,6 +346,8 @@ export class View3D {
       const since = now - this.newestAt;
       if (since < 1000) this.interval += 0.25 * (Math.min(400, Math.max(12, since)) - this.interval);
       this.newestAt = now;
+      this.handleFrom = this.handle;
+      this.handleTo = frame.handle;
       let at = 0;
       this.bodies.forEach((view, b) => {
         const length = view.nodes.length;
@@ -356,12 +363,9 @@ export class View3D {
 
   /** A state between two recorded frames. */
   setBetween(a: Frame, b: Frame, t: number, wrench: Float32Array): void {
-    const pose = (p: Pose, q: Pose): Pose => ({
-      position: [0, 1, 2].map((i) => p.position[i]! + t * (q.position[i]! - p.position[i]!)) as [number, number, number],
-      rotation: t < 0.5 ? p.rotation : q.rotation,
-    });
-    this.device = pose(a.device, b.device);
-    this.proxy = pose(a.proxy, b.proxy);
+    this.device = poseBetween(a.device, b.device, t);
+    this.proxy = poseBetween(a.proxy, b.proxy, t);
+    this.handle = poseBetween(a.handle, b.handle, t);
     this.wrench.set(wrench);
     this.drawnWrench.set(wrench);
     let at = 0;
@@ -377,8 +381,25 @@ export class View3D {
     });
     this.contacts.set(t < 0.5 ? a.contacts : b.contacts, this.radius * 0.018);
     this.mixing = false;
-    this.updateHeldCenter();
+    this.placeTool();
     this.invalidate();
+  }
+
+  /**
+   * Whether the tool is drawn where the haptic loop has it by now: moved as one rigid body from the handle of its nodes,
+   * which are up to two visual steps old, to the proxy.
+   */
+  setAtProxy(on: boolean): void {
+    this.atProxy = on;
+  }
+
+  private placeTool(): void {
+    for (const { body, group } of this.bodies) {
+      if (!body.tool) continue;
+      if (this.atProxy) placeFrom(group, this.handle, this.proxy);
+      else placeFrom(group, this.proxy, this.proxy);
+    }
+    this.updateHeldCenter();
   }
 
   private valuesOf(body: number, nodes: Float32Array, stress: Float32Array, from: number): Float32Array | null {
@@ -420,7 +441,8 @@ export class View3D {
       this.heldCenter.z += tool.nodes[3 * i + 2] as number;
       ++count;
     });
-    if (count > 0) this.heldCenter.divideScalar(count);
+    tool.group.updateMatrix();
+    if (count > 0) this.heldCenter.divideScalar(count).applyMatrix4(tool.group.matrix);
     else this.heldCenter.fromArray(this.device.position);
   }
 
@@ -449,10 +471,11 @@ export class View3D {
     if (this.mixing) {
       const t = Math.min(1, (now - this.newestAt) / this.interval);
       for (const view of this.bodies) view.mix(t);
+      this.handle = poseBetween(this.handleFrom, this.handleTo, t);
       this.mixing = t < 1;
-      this.updateHeldCenter();
       this.dirty = true;
     }
+    if (this.dirty) this.placeTool();
     for (let i = 0; i < 6; ++i) {
       const step = (this.wrench[i] as number) - (this.drawnWrench[i] as number);
       if (Math.abs(step) > 1e-4) this.dirty = true;
@@ -539,7 +562,14 @@ export class View3D {
       if (!hit || (best && best.distance <= hit.distance)) return;
       best = { body, tool, point: caster.ray.at(hit.distance, new Vector3()), distance: hit.distance };
     };
-    this.bodies.forEach((view, b) => consider(b, view.body.tool, view.vertices(), view.body.triangles));
+    this.bodies.forEach((view, b) => {
+      let vertices = view.vertices();
+      if (view.body.tool) {
+        vertices = vertices.slice();
+        new BufferAttribute(vertices, 3).applyMatrix4(view.group.matrix);
+      }
+      consider(b, view.body.tool, vertices, view.body.triangles);
+    });
     for (const { vertices, triangles } of this.obstacles) consider(-1, false, vertices, triangles);
     return best;
   }

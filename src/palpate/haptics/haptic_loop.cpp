@@ -62,10 +62,9 @@ TickRecord HapticLoop::tick(const DeviceState& sample, const HandleModel* newest
   path_.add({path_.end(), proxy_.pose(), proxy_.twist()});
 
   const double since_start = now - start_time_;
-  const auto safe =
-      safety_.process({model ? compensate(record.raw, record.proxy) : record.raw, since_start,
-                       model ? record.model_age : since_start, settings_.dt, record.device.twist.head<3>()},
-                      observer_);
+  const auto safe = safety_.process({model ? compensate(record.raw, record.proxy) : record.raw, since_start,
+                                     model ? record.model_age : since_start, settings_.dt, record.device.twist},
+                                    observer_);
   record.sent = last_sent_ = safe.wrench;
   record.flags |= safe.flags;
   record.delivered_energy = observer_.delivered();

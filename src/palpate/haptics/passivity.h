@@ -27,16 +27,21 @@ class PassivityObserver {
   double peak_ = 0.0;
 };
 
-/// Optional controller: while the observer says that more than the allowance came out, it adds damping to the force.
+/// Optional controller: while the observer says that more than the allowance came out, it adds damping to the wrench.
 struct PassivitySettings {
   bool enabled = false;
-  double allowance = 0.01;     ///< energy that may come out before the controller acts [J]
-  double max_damping = 2.0;    ///< [N s/m]; more is unstable at 1 kHz on a light device
-  double quiet_speed = 0.005;  ///< below it the velocity is mostly noise and the controller rests [m/s]
+  double allowance = 0.01;  ///< energy that may come out before the controller acts [J]
+  // More is unstable at 1 kHz on a light device; both are the same share of what a stylus of 45 g has.
+  double max_damping = 2.0;               ///< [N s/m]
+  double max_rotational_damping = 0.005;  ///< [N m s/rad]
+  // Below these a velocity is mostly noise, and its damping rests.
+  double quiet_speed = 0.005;  ///< [m/s]
+  double quiet_spin = 0.1;     ///< [rad/s]
 };
 
-/// Force that takes the surplus out within one tick, as far as max_damping goes; zero where there is none.
-Vec3 passivityForce(const PassivitySettings& settings, const PassivityObserver& observer, const Vec3& device_velocity,
-                    double dt) noexcept;
+/// Wrench that takes the surplus out within one tick, as far as the largest dampings go: the same share of both. Zero
+/// where there is no surplus.
+Vec6 passivityWrench(const PassivitySettings& settings, const PassivityObserver& observer, const Vec6& device_twist,
+                     double dt) noexcept;
 
 }  // namespace palpate

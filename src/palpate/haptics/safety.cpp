@@ -32,7 +32,9 @@ SafetyChain::SafetyChain(const SafetySettings& settings) : settings_(settings) {
   requireNotNegative(settings.model_decay, "model_decay");
   requireNotNegative(settings.passivity.allowance, "passivity.allowance");
   requireNotNegative(settings.passivity.max_damping, "passivity.max_damping");
+  requireNotNegative(settings.passivity.max_rotational_damping, "passivity.max_rotational_damping");
   requireNotNegative(settings.passivity.quiet_speed, "passivity.quiet_speed");
+  requireNotNegative(settings.passivity.quiet_spin, "passivity.quiet_spin");
 }
 
 Vec6 SafetyChain::start(const Vec6& wrench) noexcept {
@@ -50,9 +52,9 @@ SafetyChain::Output SafetyChain::process(const Input& input, const PassivityObse
   }
   out.wrench *= updateWatchdog(input.model_age, input.dt, out.flags);
 
-  const Vec3 damping = passivityForce(settings_.passivity, observer, input.device_velocity, input.dt);
+  const Vec6 damping = passivityWrench(settings_.passivity, observer, input.device_twist, input.dt);
   if (!damping.isZero(0.0)) out.flags.set(TickFlag::passivity_damped);
-  out.wrench.head<3>() += damping;
+  out.wrench += damping;
 
   out.wrench = clamp(out.wrench, out.flags);
   out.wrench = limitSlew(out.wrench, input.dt, out.flags);

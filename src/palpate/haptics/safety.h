@@ -37,11 +37,11 @@ class SafetyChain {
   explicit SafetyChain(const SafetySettings& settings);
 
   struct Input {
-    Vec6 wrench;           ///< wanted on the device [N; N m]
-    double since_start;    ///< [s]
-    double model_age;      ///< [s]
-    double dt;             ///< [s]
-    Vec3 device_velocity;  ///< [m/s]
+    Vec6 wrench;         ///< wanted on the device [N; N m]
+    double since_start;  ///< [s]
+    double model_age;    ///< [s]
+    double dt;           ///< [s]
+    Vec6 device_twist;   ///< [m/s; rad/s]
   };
   struct Output {
     Vec6 wrench;

@@ -217,6 +217,7 @@ struct RunFiles::Impl {
     j["aim"] = toString(config.aim);
     j["derivative"] = toString(config.derivative);
     j["latency"] = config.latency;
+    j["jitter"] = config.jitter;
     j["realtime"] = outcome.realtime;
     j["duration_s"] = config.duration;
     j["mesh"] = {

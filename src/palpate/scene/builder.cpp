@@ -141,7 +141,8 @@ HapticSettings buildHaptic(const SceneConfig& config, const World& world) {
   h.proxy.gravity = config.gravity;
   if (config.weight_compensation) h.compensation = staticWeight(world);
   h.safety = safetyForDevice(config.safety.settings, config.device.limits);
-  h.safety.model_age_limit = config.safety.model_age_limit.value_or(modelAgeLimit(config.visual_step, config.latency));
+  h.safety.model_age_limit =
+      config.safety.model_age_limit.value_or(modelAgeLimit(config.visual_step, config.latency + config.jitter));
   return h;
 }
 

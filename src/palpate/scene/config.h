@@ -264,12 +264,13 @@ struct SceneConfig {
   bool substeps_auto = false;           ///< as many as fit the time; `substeps` is 1 then
   double haptic_step = 0.001;           ///< [s]
   int latency = 1;                      ///< visual steps until a step's result reaches the haptic loop
+  int jitter = 0;                       ///< visual steps that it may be later, by chance; not in real time
   MethodName method = MethodName::live;
   AimName aim = AimName::sample;
   DerivativeName derivative = DerivativeName::frozen;
   LiveSettings live;                 ///< of method `live`
   bool weight_compensation = false;  ///< the device does not feel the tool's static weight
-  std::uint64_t seed = 1;            ///< of everything random: the motion of `palpate stress`
+  std::uint64_t seed = 1;            ///< of everything random: `palpate stress`'s motion, `jitter`
   std::optional<Vec3> view_from;     ///< unit vector, world: where pictures of a run look from; absent: viewFrom()
   ContactConfig contact;
   ToolConfig tool;

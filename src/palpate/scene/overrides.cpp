@@ -91,6 +91,7 @@ void applyOverrides(SceneConfig& config, const Overrides& overrides) {
   setNumber("--visual-dt", overrides.visual_dt, limits::kVisualStep, changed.visual_step);
   if (overrides.visual_dt) failOn("--visual-dt", timingObjection(changed));
   setInteger("--latency", overrides.latency, 0, limits::kLatency, changed.latency);
+  setInteger("--jitter", overrides.jitter, 0, limits::kLatency, changed.jitter);
   setSeed(overrides.seed, changed);
   setTetrahedra(overrides.tetrahedra, changed);
   config = std::move(changed);

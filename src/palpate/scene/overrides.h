@@ -19,6 +19,7 @@ struct Overrides {
   std::optional<double> duration{};       ///< --duration [s]
   std::optional<double> visual_dt{};      ///< --visual-dt [s]
   std::optional<long long> latency{};     ///< --latency, visual steps
+  std::optional<long long> jitter{};      ///< --jitter, visual steps
   std::optional<long long> seed{};        ///< --seed
   std::optional<long long> tetrahedra{};  ///< --tetrahedra wanted for the tool
 };

@@ -66,10 +66,20 @@ void readDevice(const Value& value, DeviceConfig& device) {
   if (!recorded && device.recording) value.fail("only a recorded device has a file");
 }
 
+// Its presence turns the controller on.
+void readPassivity(const Value& value, PassivitySettings& passivity) {
+  passivity.enabled = true;
+  value.fields({numberField("allowance", passivity.allowance, Range::within(0.0, 100.0, "J")),
+                numberField("max_damping", passivity.max_damping, Range::within(0.0, 1e4, "N s/m")),
+                numberField("max_rotational_damping", passivity.max_rotational_damping,
+                            Range::within(0.0, 100.0, "N m s/rad"))});
+}
+
 void readSafety(const Value& value, SafetyConfig& safety) {
   value.fields({numberField("max_slew", safety.settings.max_slew, Range::positive(1e7, "N/s")),
                 numberField("start_ramp", safety.settings.start_ramp, Range::within(0.0, 10.0, "s")),
-                numberField("model_age_limit", safety.model_age_limit, Range::positive(10.0, "s"))});
+                numberField("model_age_limit", safety.model_age_limit, Range::positive(10.0, "s")),
+                {"passivity", [&](const Value& item) { readPassivity(item, safety.settings.passivity); }}});
 }
 
 // The scene
@@ -122,6 +132,7 @@ std::vector<Field> runFields(SceneConfig& config) {
           {"visual", readVisual},
           {"haptic", readHaptic},
           integerField("latency", config.latency, 0, limits::kLatency),
+          integerField("jitter", config.jitter, 0, limits::kLatency),
           choiceField("method", config.method, methodNames()),
           choiceField("aim", config.aim, aimNames()),
           booleanField("weight_compensation", config.weight_compensation),

@@ -1,5 +1,6 @@
 #include "palpate/session/lockstep.h"
 
+#include <algorithm>
 #include <chrono>
 #include <cmath>
 
@@ -42,7 +43,9 @@ void LockstepRun::visualStepAt(double t, const DeviceState& device) {
   const VisualRecord record = isLive(scene_) ? live_.step(scene_.world, loop_.path(), target, settings, t, last_)
                                              : visualStep(scene_.world, target, settings, t, last_);
   last_ = record.model;
-  arrivals_.push_back({tick_ + timing_.latency * ticks_per_step_, record.model, nullptr});
+  std::int64_t arrival = tick_ + timing_.latency * ticks_per_step_ + delayTicks(timing_, tick_);
+  if (!arrivals_.empty()) arrival = std::max(arrival, arrivals_.back().tick);  // none overtakes the one before
+  arrivals_.push_back({arrival, record.model, nullptr});
   if (isLive(scene_)) arrivals_.back().live = std::make_shared<LiveModel>(live_.model());
   sink_.stepped(scene_.world, record);
   sink_.visual(record);

@@ -36,7 +36,8 @@ struct LockstepState {
 };
 
 /// A scene that runs in virtual time on one thread; the same to the bit on every run on one machine. Tick i is at
-/// i * dt; the visual step of a tick samples the device first, and its model arrives `latency` visual steps later.
+/// i * dt; the visual step of a tick samples the device first, and its model arrives `latency` visual steps later, or
+/// up to `jitter` more.
 class LockstepRun {
  public:
   /// @param scene, sink  must outlive this

@@ -180,7 +180,7 @@ void RealtimeLoops::change(Rendering rendering, const RunTiming& timing) {
   timing_ = timing;
   budget_ = budgetOf(timing);
   const bool was_live = live();
-  loop_.change(rendering, modelAgeLimit(timing.visual_step, timing.latency));
+  loop_.change(rendering, modelAgeLimit(timing.visual_step, timing.latency + timing.jitter));
   if (live() && !was_live) beginLive();
 }
 

@@ -1,13 +1,34 @@
 #include "palpate/session/run_timing.h"
 
+#include <cmath>
+#include <random>
+
 #include "palpate/common/error.h"
 #include "palpate/math/rotation.h"
 
 namespace palpate {
 
 RunTiming timingOf(const SceneConfig& config) {
-  return {config.duration, config.haptic_step,  config.visual_step, config.latency, config.aim == AimName::predicted,
-          config.substeps, config.substeps_auto};
+  RunTiming timing;
+  timing.duration = config.duration;
+  timing.haptic_step = config.haptic_step;
+  timing.visual_step = config.visual_step;
+  timing.latency = config.latency;
+  timing.jitter = config.jitter;
+  timing.seed = config.seed;
+  timing.predicted_aim = config.aim == AimName::predicted;
+  timing.substeps = config.substeps;
+  timing.substeps_auto = config.substeps_auto;
+  return timing;
+}
+
+std::int64_t delayTicks(const RunTiming& timing, std::int64_t tick) {
+  const std::int64_t most = timing.jitter * std::llround(timing.visual_step / timing.haptic_step);
+  std::seed_seq seed{static_cast<std::uint32_t>(timing.seed), static_cast<std::uint32_t>(timing.seed >> 32),
+                     static_cast<std::uint32_t>(tick), static_cast<std::uint32_t>(tick >> 32)};
+  std::uint32_t chance = 0;
+  seed.generate(&chance, &chance + 1);
+  return static_cast<std::int64_t>(chance % static_cast<std::uint64_t>(most + 1));
 }
 
 DeviceTarget aimAt(const DeviceState& device, const RunTiming& timing) {

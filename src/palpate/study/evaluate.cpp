@@ -151,6 +151,7 @@ SceneConfig referenceConfig(const SceneConfig& config) {
   out.substeps = 1;
   out.substeps_auto = false;
   out.latency = 0;
+  out.jitter = 0;
   out.aim = AimName::sample;
   return out;
 }

@@ -30,6 +30,7 @@ nlohmann::ordered_json rowJson(const SceneStudy& study, const StudyRow& row) {
           {"method", row.method},
           {"visual_dt", row.visual_step},
           {"latency", study.config.latency},
+          {"jitter", study.config.jitter},
           {"aim", toString(study.config.aim)},
           {"derivative", toString(study.config.derivative)},
           {"rms_N", row.error.rms_force},

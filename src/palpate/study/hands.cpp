@@ -150,6 +150,7 @@ nlohmann::ordered_json handsJson(const std::vector<HandStudy>& studies) {
                      {"method", r.method},
                      {"visual_dt", r.visual_step},
                      {"latency", study.config.latency},
+                     {"jitter", study.config.jitter},
                      {"hand", toString(r.hand)},
                      {"hold_s", study.hold_time},
                      {"hold_pk_N", r.hold.force},

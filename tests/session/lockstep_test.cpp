@@ -1,0 +1,74 @@
+#include "palpate/session/lockstep.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <string>
+#include <vector>
+
+#include "palpate/scene/reader.h"
+
+namespace palpate {
+namespace {
+
+std::vector<TickRecord> ticksOf(MethodName method, int latency, int jitter, std::uint64_t seed = 1) {
+  SceneConfig config = readScene(std::string(PALPATE_SOURCE_DIR) + "/scenes/cube.yaml");
+  config.method = method;
+  config.duration = 1.5;
+  config.latency = latency;
+  config.jitter = jitter;
+  config.seed = seed;
+  BuiltScene scene = buildScene(config);
+  std::vector<TickRecord> ticks;
+  RunSink sink;
+  sink.tick = [&](const TickRecord& r) { ticks.push_back(r); };
+  runLockstep(scene, timingOf(config), sink);
+  return ticks;
+}
+
+// A result counts `latency` to `latency` + `jitter` visual steps after its step began; the oldest in use is one step
+// older, and no result is followed by an earlier one.
+TEST(Lockstep, JitterDelaysResultsByChance) {
+  constexpr double step = 0.033, tick = 0.001;
+  for (const int jitter : {0, 1, 2}) {
+    double youngest = 1, oldest = 0, newest = -1;
+    for (const TickRecord& r : ticksOf(MethodName::hsl, 1, jitter)) {
+      if (r.time < 8 * step) continue;  // until then it is the start's
+      const double made = r.time - r.model_age;
+      EXPECT_GE(made, newest - 1e-9);
+      newest = made;
+      youngest = std::min(youngest, r.model_age);
+      oldest = std::max(oldest, r.model_age);
+    }
+    EXPECT_GE(youngest, step - 1e-9);
+    EXPECT_LE(youngest, jitter > 0 ? (1 + jitter) * step : step + 1e-9);
+    EXPECT_LE(oldest, (2 + jitter) * step - tick + 1e-9);
+    EXPECT_GE(oldest, jitter > 0 ? (2 + 0.3 * jitter) * step : 2 * step - tick - 1e-9);
+  }
+}
+
+TEST(Lockstep, JitterFollowsTheSeed) {
+  const auto ages = [](std::uint64_t seed) {
+    std::vector<double> out;
+    for (const TickRecord& r : ticksOf(MethodName::hsl, 1, 2, seed)) out.push_back(r.model_age);
+    return out;
+  };
+  EXPECT_EQ(ages(1), ages(1));
+  EXPECT_NE(ages(1), ages(2));
+}
+
+// A live model is replayed to the tick in which it comes: its age is felt little.
+TEST(Lockstep, LiveForceHardlyKnowsOfJitter) {
+  const std::vector<TickRecord> even = ticksOf(MethodName::live, 1, 0), late = ticksOf(MethodName::live, 1, 2);
+  double squares = 0, peak = 0;
+  for (std::size_t i = 0; i < even.size(); ++i) {
+    squares += (even[i].raw - late[i].raw).head<3>().squaredNorm();
+    peak = std::max(peak, even[i].raw.head<3>().norm());
+  }
+  EXPECT_GT(peak, 1.0);
+  EXPECT_LT(std::sqrt(squares / static_cast<double>(even.size())), 0.02 * peak);
+}
+
+}  // namespace
+}  // namespace palpate
