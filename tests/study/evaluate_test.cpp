@@ -12,6 +12,7 @@
 #include "palpate/scene/builder.h"
 #include "palpate/scene/reader.h"
 #include "palpate/session/lockstep.h"
+#include "palpate/study/hands.h"
 
 namespace palpate {
 namespace {
@@ -112,6 +113,22 @@ TEST(Live, IsQuietInSoftHands) {
       }
     }
   }
+}
+
+// Let go at the start, 8 mm above the ground: the first model has the ground that the tool falls on while it is in use.
+TEST(Live, AFreeToolLandsAsInTheFineSimulation) {
+  StudySettings settings;
+  settings.methods = {"live"};
+  settings.visual_steps = {0.033};
+  HandsSettings hands;
+  hands.hands = {{0, 0}};
+  const HandStudy study = evaluateHands(evaluateScene(shipped("cube"), settings), settings, hands, [](double) {});
+  ASSERT_EQ(study.rows.size(), 1u);
+  const HandRow& row = study.rows[0];
+  EXPECT_LE(row.error.rms_force, 0.07);
+  EXPECT_LE(row.hold.force, row.reference.force + 0.01);
+  EXPECT_LE(row.hold.position, row.reference.position + 1e-4);
+  EXPECT_NEAR(row.hold.given, row.reference.given, 0.002);
 }
 
 std::string causeOf(const StudySettings& settings, const SceneConfig& config) {

@@ -11,6 +11,7 @@ namespace {
 constexpr double kLongest = 6.0;                // visual steps that a replay may bridge
 constexpr double kStrong = 3.0, kAnyway = 5.0;  // of the link's force, and [N]: with which the handle is led
 constexpr double kFarthest = 0.01;              // that a correction may move a node [m]: more is no correction
+constexpr double kFirst = 3.0;                  // visual steps for which the first model may be in use
 constexpr int kMostParts = 4;                   // steps in which a long way is made up for
 
 // Force and handle after a step, for the records: the tick has its own model.
@@ -37,7 +38,11 @@ ToolShape shiftedShape(const World& world, const VecX& shift) {
 void LiveVisual::begin(World& world, double step, std::int64_t index, double time) {
   state_ = {};
   dampForces(world, 1e3, state_.damped);
-  reduce(world, toolShape(world), step, index, time);
+  // no speed says yet what is near: all that a fall would reach while this model is in use
+  LiveSettings settings = settings_;
+  const double span = kFirst * step;
+  settings.margin = std::max(settings.margin, 0.5 * world.gravity.norm() * span * span);
+  reduce(world, settings, toolShape(world), step, index, time);
 }
 
 ToolPath LiveVisual::pathSince(const HandlePath& path) const {
@@ -73,9 +78,10 @@ ToolShape LiveVisual::corrected(const World& world, const LiveState& replayed) {
   return shape;
 }
 
-void LiveVisual::reduce(World& world, const ToolShape& shape, double step, std::int64_t index, double time) {
+void LiveVisual::reduce(World& world, const LiveSettings& settings, const ToolShape& shape, double step,
+                        std::int64_t index, double time) {
   LiveBasis basis;
-  LiveModel model = reduction_.reduce(world, settings_, {shape, state_.damped, state_.basis.modes, step}, basis);
+  LiveModel model = reduction_.reduce(world, settings, {shape, state_.damped, state_.basis.modes, step}, basis);
   model.index = index;
   model.time = time;
   state_.ready = isFinite(model);
@@ -108,7 +114,7 @@ VisualRecord LiveVisual::step(World& world, const HandlePath& path, const Device
   LiveState now;
   const bool known =
       state_.ready && !record.step.failed() && length <= kLongest * settings.step && replayed(world, path, now);
-  reduce(world, known ? corrected(world, now) : toolShape(world), settings.step, path.end() - 1, time);
+  reduce(world, settings_, known ? corrected(world, now) : toolShape(world), settings.step, path.end() - 1, time);
 
   if (!record.step.failed()) record.model = shownModel(world, settings.step, time);
   record.model.unsound = !record.step.sound();

@@ -41,7 +41,8 @@ class LiveVisual {
   ToolPath pathSince(const HandlePath& path) const;
   bool replayed(const World& world, const HandlePath& path, LiveState& state);
   ToolShape corrected(const World& world, const LiveState& replayed);
-  void reduce(World& world, const ToolShape& shape, double step, std::int64_t index, double time);
+  void reduce(World& world, const LiveSettings& settings, const ToolShape& shape, double step, std::int64_t index,
+              double time);
 
   LiveSettings settings_;
   double tick_;
