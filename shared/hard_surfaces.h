@@ -60,7 +60,8 @@ inline Surface randomLimbs(std::uint32_t seed) {
   std::vector<Limb> limbs = {{Vec3(0, 0, -0.03), Vec3(0, 0, 0.03), 0.015, 0.012}};
   const int count = 3 + static_cast<int>(5 * share());
   for (int k = 0; k < count; ++k) {
-    Vec3 direction(uniform(random), uniform(random), uniform(random));
+    Vec3 direction;  // one draw after another: compilers evaluate arguments in orders of their own
+    for (const int axis : {2, 1, 0}) direction[axis] = uniform(random);
     direction.normalize();
     const Vec3 from(0, 0, 0.03 * uniform(random));
     limbs.push_back(
