@@ -84,5 +84,21 @@ TEST(Link, ActsOnTheDeviceTowardsTheHandle) {
   EXPECT_LT((linkWrenchOnDevice(link, handle, twist, Pose{}, Vec6::Zero()) - expected).norm(), 1e-14);
 }
 
+// Each of spring and damper by itself, in its own direction, in force and in torque.
+TEST(Link, Saturates) {
+  LinkParameters link{100, 2, 3, 0.5};
+  const Pose handle{Vec3(0.03, 0, 0), expRotation({0, 0.1, 0})};
+  Vec6 twist;
+  twist << 0, 0.2, 0, 0, 0, 1;
+  const auto wrench = [&] { return saturatedWrenchOnDevice(link, handle, twist, Pose{}, Vec6::Zero()); };
+  const Vec6 whole = wrench();
+  EXPECT_EQ(whole, linkWrenchOnDevice(link, handle, twist, Pose{}, Vec6::Zero()));
+  link.peak_force = 1.0;
+  link.peak_torque = 0.4;
+  Vec6 expected;
+  expected << 1.0, 0.4, 0, 0, 0.3, 0.4;  // the spring's 3 N and the damper's 0.5 N m are too many
+  EXPECT_LT((wrench() - expected).norm(), 1e-14);
+}
+
 }  // namespace
 }  // namespace palpate

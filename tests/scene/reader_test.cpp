@@ -69,6 +69,8 @@ TEST(SceneReader, ReadsContactLinkDeviceAndSafety) {
   EXPECT_EQ(scene.link.damping, 4.0);
   EXPECT_EQ(scene.link.rotational_stiffness, 0.9);
   EXPECT_EQ(scene.link.rotational_damping, 0.004);
+  EXPECT_EQ(scene.link.peak_force, 7.0);
+  EXPECT_EQ(scene.link.peak_torque, 0.3);
   EXPECT_EQ(scene.device.kind, DeviceName::recorded);
   EXPECT_EQ(scene.device.recording->file, "motion.csv");
   EXPECT_EQ(scene.device.mass, 0.05);
@@ -419,6 +421,7 @@ const BadChange kBadRanges[] = {
     {"- {t: 0}", "- {}", "tool.handles.grip.hand.keyframes[0] (", "the key \"t\" is missing"},
     {"stiffness: 600", "stiffness: 0", "link.stiffness (", "above 0 and at most 1e+06 N/m"},
     {"damping: 4,", "damping: -4,", "link.damping (", "at least 0"},
+    {"peak_force: 7", "peak_force: 0", "link.peak_force (", "above 0 and at most 1e+06 N"},
     {"mass: 0.05", "mass: 0", "device.mass (", "above 0"},
     {"hand_stiffness: 400", "hand_stiffness: -1", "device.hand_stiffness (", "at least 0"},
     {"peak_force: 8", "peak_force: 1", "device.limits (", "continuous_force 2 N is above peak_force 1 N"},

@@ -119,7 +119,7 @@ obstacles:
   - {sphere: {center: [4, 5, 6], radius: 0.5}}
   - {capsule: {a: [0, 0, 0], b: [1, 0, 0], radius: 0.05}}
   - {mesh: {shape: {box: {size: [0.1, 0.1, 0.001]}}, pose: {position: [7, 8, 9], rotation: [0, 90, 0]}}, friction: 0.4}
-link: {stiffness: 600, damping: 4, rotational_stiffness: 0.9, rotational_damping: 0.004}
+link: {stiffness: 600, damping: 4, rotational_stiffness: 0.9, rotational_damping: 0.004, peak_force: 7, peak_torque: 0.3}
 device:
   type: recorded
   file: motion.csv

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "palpate/scene/reader.h"
+#include "shared/held_scenes.h"
 
 namespace palpate {
 namespace {
@@ -45,6 +46,25 @@ TEST(Lockstep, JitterDelaysResultsByChance) {
     EXPECT_LE(youngest, jitter > 0 ? (1 + jitter) * step : step + 1e-9);
     EXPECT_LE(oldest, (2 + jitter) * step - tick + 1e-9);
     EXPECT_GE(oldest, jitter > 0 ? (2 + 0.3 * jitter) * step : 2 * step - tick - 1e-9);
+  }
+}
+
+// A hand that is 10 cm too deep presses with what its device can render, not with 70 N.
+TEST(Lockstep, TheLinkPressesWithNoMoreThanItsLimit) {
+  for (const MethodName method : {MethodName::live, MethodName::hsl}) {
+    SceneConfig config = readScene(std::string(PALPATE_SOURCE_DIR) + "/scenes/cube.yaml");
+    config.method = method;
+    config.duration = 3;
+    config.tool.material.youngs_modulus = 1e5;
+    config.tool.chosenHandle().hand.keyframes = {{0.0}, {1.0}, {4.0}};
+    for (const int k : {1, 2}) config.tool.chosenHandle().hand.keyframes[k].position = Vec3(0, 0, -0.1);
+    config.device.limits = DeviceLimits{};
+    BuiltScene scene = buildScene(config);
+    const double weight = scene.world.tool().model.totalMass() * 9.81;
+    EXPECT_NEAR(scene.world.link.peak_force, config.device.limits.peak_force + weight, 1e-9);
+    runLockstep(scene, timingOf(config), {});
+    const double force = test::contactForce(scene.world, scene.world.toolIndex()).total.z();
+    EXPECT_NEAR(force, scene.world.link.peak_force + weight, 0.01 * force);
   }
 }
 

@@ -169,7 +169,8 @@ TEST(Sheet, SoftBallStaysOnTop) {
 
 // 5 mm at the recovery speed are 10 ms, one step where steps are longer; soft bodies give way first. A free box pushed
 // at a corner with the speed v along a face also turns: its corner moves at up to 1.25 v, where the box is twice as
-// long along the push as across it (sideways a b / (4 a^2 / 3 + b^2 / 3) of v, for half lengths a and b).
+// long along the push as across it (sideways a b / (4 a^2 / 3 + b^2 / 3) of v, for half lengths a and b); steps, which
+// are linear, to 1 %.
 void expectComesApartGently(World& world, double h) {
   double speed = 0;
   int apart = -1;
@@ -182,7 +183,7 @@ void expectComesApartGently(World& world, double h) {
       EXPECT_FALSE(in) << "h " << h << " step " << n;
     }
   }
-  EXPECT_LT(speed, 1.25 * world.contact.max_recovery_speed - h * world.gravity.z()) << "h " << h;
+  EXPECT_LT(speed, 1.01 * 1.25 * world.contact.max_recovery_speed - h * world.gravity.z()) << "h " << h;
   EXPECT_GT(apart, 0);
   EXPECT_LE(apart * h, 0.02 + 2 * h) << "h " << h;
 }

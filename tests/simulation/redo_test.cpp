@@ -101,7 +101,8 @@ TEST(Redo, WorkIsForceTimesWay) {
   const double soft = mass - own;
   EXPECT_NEAR(work.sum, -10 * (soft * fallen + own * way.z()) + of_link, 1e-9);
   EXPECT_GE(work.magnitudes, std::abs(work.sum));
-  EXPECT_DOUBLE_EQ(energyMade(1.0, 2.0, {0.5, 0.7}), 0.5 - 0.007);
+  EXPECT_DOUBLE_EQ(energyMade(1.0, 2.0, {0.5, 0.7}), 0.5 - 0.017);
+  EXPECT_DOUBLE_EQ(energyMade(1.0, 2.0, {0.5, 0.7}, 0.5), 0.5 - 0.012);
   EXPECT_EQ(energyMade(2.0, 2.4, {0.5, 0.5}), 0.0);
 }
 

@@ -151,24 +151,24 @@ TEST(FreezeWatch, ABodyThatIsStoppedEachTimeIsFrozen) {
   const Pose start = world.tool().state.handle.pose;
   FreezeWatch watch(world, start, kStep);
   BodyState state = world.tool().state;
-  for (int n = 0; n < 30; ++n) EXPECT_EQ(watch.after(world, start, false), 0);  // at rest, and not moved
+  for (int n = 0; n < 30; ++n) EXPECT_EQ(watch.after(world, start, false, false), 0);  // at rest, and not moved
   state.velocities[0] = 0.01;
   world.setBody(0, state);
-  for (int n = 1; n < 30; ++n) EXPECT_EQ(watch.after(world, start, true), n >= kFrozenSteps ? 1 : 0) << n;
+  for (int n = 1; n < 30; ++n) EXPECT_EQ(watch.after(world, start, true, true), n >= kFrozenSteps ? 1 : 0) << n;
   state.positions[0] += 1e-5;
   world.setBody(0, state);
-  EXPECT_EQ(watch.after(world, start, true), 0);
+  EXPECT_EQ(watch.after(world, start, true, true), 0);
 }
 
 TEST(FreezeWatch, AToolThatDoesNotFollowTheDeviceIsFrozen) {
-  const World world = heldBar();
+  World world = heldBar();
   const Pose start = world.tool().state.handle.pose;
   const auto frozen = [&](double moved, double per_step, bool touches) {
     FreezeWatch watch(world, start, kStep);
     int last = 0;
     for (int n = 0; n <= 30; ++n) {
       const double x = moved + n * per_step;
-      last = watch.after(world, {start.position + Vec3(x, 0, 0), start.rotation}, touches);
+      last = watch.after(world, {start.position + Vec3(x, 0, 0), start.rotation}, touches, false);
     }
     return last;
   };
@@ -177,6 +177,9 @@ TEST(FreezeWatch, AToolThatDoesNotFollowTheDeviceIsFrozen) {
   EXPECT_EQ(frozen(0.02, 0, true), 0);    // it may be held: a static balance
   EXPECT_EQ(frozen(0, 0.001, true), 1);   // but not while the device moves on
   EXPECT_EQ(frozen(0, 0.0001, true), 0);  // unless it hardly does
+  world.link.peak_force = 0.01 * world.link.stiffness;
+  EXPECT_EQ(frozen(0, 0.001, true), 0);   // or the link pulls with all it has, all the time
+  EXPECT_EQ(frozen(0, 0.001, false), 1);  // which something must resist
 }
 
 // --- hands

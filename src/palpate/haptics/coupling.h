@@ -11,9 +11,9 @@ inline LinkParameters linkForDevice(const DeviceLimits& limits) {
 }
 
 /// Wrench of the link *on the device* [N; N m], about the handle's origin, world frame; the handle feels the opposite.
-///   kd (x - xd) + bd (v - vd),   kr log(R Rd^T) + br (w - wd)
+///   kd (x - xd) + bd (v - vd),   kr log(R Rd^T) + br (w - wd),   each within its limit
 inline Vec6 couplingWrench(const LinkParameters& link, const Pose& pose, const Vec6& twist, const DeviceState& device) {
-  return linkWrenchOnDevice(link, pose, twist, device.pose, device.twist);
+  return saturatedWrenchOnDevice(link, pose, twist, device.pose, device.twist);
 }
 
 }  // namespace palpate

@@ -18,6 +18,8 @@ void validate(const HapticSettings& settings) {
   require(notNegative(settings.link.damping), "link.damping", "must not be negative");
   require(notNegative(settings.link.rotational_stiffness), "link.rotational_stiffness", "must not be negative");
   require(notNegative(settings.link.rotational_damping), "link.rotational_damping", "must not be negative");
+  require(settings.link.peak_force > 0, "link.peak_force", "must be positive");
+  require(settings.link.peak_torque > 0, "link.peak_torque", "must be positive");
   require(settings.compensation.weight.allFinite(), "compensation.weight", "must be finite");
   require(settings.compensation.center.allFinite(), "compensation.center", "must be finite");
 }
@@ -176,12 +178,12 @@ TickFlags HapticLoop::stepLive(const DeviceState& device) noexcept {
   const double dt = settings_.dt;
   if (!has_live_) return proxy_.step(nullptr, settings_.link, device, dt);
   LiveUpdate& live = live_[current_];
-  const LiveTickInput input{dt, settings_.proxy.gravity, settings_.link, device.pose, device.twist};
+  const LinkParameters link = saturated(settings_.link, proxy_.pose(), proxy_.twist(), device.pose, device.twist);
+  const LiveTickInput input{dt, settings_.proxy.gravity, link, device.pose, device.twist};
   const Vec6 twist = live_tick_.step(live.model, input, proxy_.pose(), proxy_.twist(), live.state);
   const Vec6 slip = device.twist - twist;
   account_.earn(dt *
-                (settings_.link.damping * slip.head<3>().squaredNorm() +
-                 settings_.link.rotational_damping * slip.tail<3>().squaredNorm() +
+                (link.damping * slip.head<3>().squaredNorm() + link.rotational_damping * slip.tail<3>().squaredNorm() +
                  live.model.beta * live.state.speed.dot(live.model.squared_frequency.cwiseProduct(live.state.speed))));
   const TickFlags flags = proxy_.move(twist, device, dt);
   if (!isFinite(live.state)) has_live_ = false;  // the next model begins anew

@@ -77,10 +77,11 @@ void HandleProxy::reset(const Pose& pose, const Vec6& twist) noexcept {
   twist_ = twist;
 }
 
-HandleProxy::Parts HandleProxy::evaluate(const HandleModel* model, const LinkParameters& link,
+HandleProxy::Parts HandleProxy::evaluate(const HandleModel* model, const LinkParameters& whole,
                                          const DeviceState& device, double dt) const noexcept {
   Parts parts;
   addBody(parts, dt);
+  const LinkParameters link = saturated(whole, pose_, twist_, device.pose, device.twist);
   const Pose predicted = advance(pose_, dt * twist_);
   const Mat3 left_jacobian = leftJacobian(dt * twist_.tail<3>());
 
@@ -89,7 +90,7 @@ HandleProxy::Parts HandleProxy::evaluate(const HandleModel* model, const LinkPar
   parts.link.topLeftCorner<3, 3>().diagonal().setConstant(link.damping + dt * link.stiffness);
   parts.link.bottomRightCorner<3, 3>() = dt * link.rotational_stiffness * turn;
   parts.link.bottomRightCorner<3, 3>().diagonal().array() += link.rotational_damping;
-  parts.rhs -= dt * couplingWrench(link, predicted, twist_, device);
+  parts.rhs -= dt * linkWrenchOnDevice(link, predicted, twist_, device.pose, device.twist);
 
   parts.derivative.setZero();
   if (model) addModel(parts, *model, predicted, left_jacobian, dt);

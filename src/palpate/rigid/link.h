@@ -1,5 +1,8 @@
 #pragma once
 
+#include <algorithm>
+#include <limits>
+
 #include "palpate/math/rotation.h"
 #include "palpate/math/types.h"
 
@@ -11,6 +14,10 @@ struct LinkParameters {
   double damping = 5.0;               ///< bd [N s/m]
   double rotational_stiffness = 1.0;  ///< kr [N m/rad]
   double rotational_damping = 0.005;  ///< br [N m s/rad]
+  /// Where its spring, and its damper, saturates, as motors do [N], [N m]. Without a limit a hand that is far ahead
+  /// crushes a soft tool.
+  double peak_force = std::numeric_limits<double>::infinity();
+  double peak_torque = std::numeric_limits<double>::infinity();
 };
 
 /// Wrench of the link on the device: kd (x - xd) + bd (v - vd), kr log(R Rd^T) + br (w - wd); about the handle's
@@ -23,6 +30,29 @@ inline Vec6 linkWrenchOnDevice(const LinkParameters& link, const Pose& handle, c
   wrench.head<3>() = link.stiffness * offset.head<3>() + link.damping * slip.head<3>();
   wrench.tail<3>() = link.rotational_stiffness * offset.tail<3>() + link.rotational_damping * slip.tail<3>();
   return wrench;
+}
+
+/// The link from a given state on: a spring or damper that would pull there with more than the link's limit is softer
+/// by as much. So it stays passive, and what solves for it linear.
+inline LinkParameters saturated(const LinkParameters& link, const Pose& handle, const Vec6& twist, const Pose& device,
+                                const Vec6& device_twist) {
+  const auto within = [](double coefficient, double length, double limit) {
+    return coefficient * length > limit ? limit / length : coefficient;
+  };
+  const Vec6 offset = poseDifference(handle, device);
+  const Vec6 slip = twist - device_twist;
+  LinkParameters out = link;
+  out.stiffness = within(link.stiffness, offset.head<3>().norm(), link.peak_force);
+  out.damping = within(link.damping, slip.head<3>().norm(), link.peak_force);
+  out.rotational_stiffness = within(link.rotational_stiffness, offset.tail<3>().norm(), link.peak_torque);
+  out.rotational_damping = within(link.rotational_damping, slip.tail<3>().norm(), link.peak_torque);
+  return out;
+}
+
+/// linkWrenchOnDevice() within the link's limits.
+inline Vec6 saturatedWrenchOnDevice(const LinkParameters& link, const Pose& handle, const Vec6& twist,
+                                    const Pose& device, const Vec6& device_twist) {
+  return linkWrenchOnDevice(saturated(link, handle, twist, device, device_twist), handle, twist, device, device_twist);
 }
 
 }  // namespace palpate

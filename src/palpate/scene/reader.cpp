@@ -28,7 +28,9 @@ void readLink(const Value& value, LinkParameters& link) {
   value.fields({numberField("stiffness", link.stiffness, Range::positive(1e6, "N/m")),
                 numberField("damping", link.damping, Range::within(0.0, 1e4, "N s/m")),
                 numberField("rotational_stiffness", link.rotational_stiffness, Range::positive(1e4, "N m/rad")),
-                numberField("rotational_damping", link.rotational_damping, Range::within(0.0, 100.0, "N m s/rad"))});
+                numberField("rotational_damping", link.rotational_damping, Range::within(0.0, 100.0, "N m s/rad")),
+                numberField("peak_force", link.peak_force, Range::positive(1e6, "N")),
+                numberField("peak_torque", link.peak_torque, Range::positive(1e4, "N m"))});
 }
 
 void readLimits(const Value& value, DeviceLimits& limits) {

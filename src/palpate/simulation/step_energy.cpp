@@ -38,9 +38,9 @@ StepWork workOn(const BodySystem& system, const BodyState& end) {
   return work;
 }
 
-double energyMade(double start, double end, const StepWork& work) {
+double energyMade(double start, double end, const StepWork& work, double share) {
   constexpr double kRounding = 1e-9;  // of the energies; and [J]
-  const double made = end - start - work.sum - 0.01 * work.magnitudes;
+  const double made = end - start - work.sum - 0.01 * (share * start + work.magnitudes);
   return made > kRounding * (start + end + 1.0) ? made : 0.0;
 }
 

@@ -25,8 +25,9 @@ struct StepWork {
 /// @param end     state at its end
 StepWork workOn(const BodySystem& system, const BodyState& end);
 
-/// Energy that a step made: what it ends with beyond what it began with, the work and a hundredth of the magnitudes of
-/// the work [J]; 0 where that is less than rounding.
-double energyMade(double start, double end, const StepWork& work);
+/// Energy that a step made: what it ends with beyond what it began with, the work and a hundredth of the sum of their
+/// magnitudes [J]; 0 where that is less than rounding.
+/// @param share  of a whole step: a part may make as much less
+double energyMade(double start, double end, const StepWork& work, double share = 1.0);
 
 }  // namespace palpate

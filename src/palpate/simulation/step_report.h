@@ -42,7 +42,7 @@ struct StepReport {
   int redone = 0;  ///< shorter steps in which it was done again, as in one it would not converge or cross; 0: none
   double kinetic_energy = 0, elastic_energy = 0;  ///< [J], at the end
   /// By which the energy at the end exceeds that at the start, the work of link, gravity and driven bodies, and a
-  /// hundredth of the sum of their magnitudes [J].
+  /// hundredth of the sum of all their magnitudes [J].
   double energy_made = 0;
   bool out_of_budget = false;  ///< the budget was used up: the rest of the step was taken as it came
   bool failed() const { return status == StepStatus::restored; }

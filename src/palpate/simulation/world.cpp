@@ -238,23 +238,21 @@ StepReport World::stepBodies(const std::vector<int>& moving, const StepInput& in
   return report;
 }
 
-constexpr int kShortest = 16;    // as a part of a step
-constexpr int kMostPulled = 15;  // steps after a path was left, before one is tried again
-constexpr int kGoodParts = 4;    // so many good parts before a longer one is tried
-// Of the budget: what a try may cost that need not succeed, of the whole step and of a part.
-constexpr double kWholeShare = 1.0, kPartShare = 0.3;
-// an end whose energy is beyond what work explains, by this share of it and this much [J], is not believed
-constexpr double kEnergyShare = 0.03, kEnergyFloor = 1e-4;
+constexpr int kShortest = 16;      // as a part of a step
+constexpr int kMostPulled = 15;    // steps after a path was left, before one is tried again
+constexpr int kGoodParts = 4;      // so many good parts before a longer one is tried
+constexpr double kTryShare = 0.3;  // of the budget: what a try may cost that need not succeed
+// an end that has more energy than work explains, by this much in a whole step [J], is not believed
+constexpr double kEnergyFloor = 1e-5;
 // corrections that come with a path bring some of their own
 constexpr double kFollowingFloor = 1e-3;
 
 // All bodies to the end of a part of a step. @returns false (nothing has happened) if it is not good enough; the last
 // try is always taken
-bool World::tryStep(const StepInput& input, bool whole, bool last, StepReport& report) {
+bool World::tryStep(const StepInput& input, double share, bool last, StepReport& report) {
   if (!last) contacts_before_ = state_.contacts;
   const double before = energy_;
-  const double share = whole ? kWholeShare : kPartShare;
-  report = last ? stepBodies(all(), input, Ending::held) : stepBodies(all(), input, Ending::free, share);
+  report = last ? stepBodies(all(), input, Ending::held) : stepBodies(all(), input, Ending::free, kTryShare);
   if (!last && report.failed()) {
     std::swap(state_.contacts, contacts_before_);
     return false;
@@ -262,11 +260,11 @@ bool World::tryStep(const StepInput& input, bool whole, bool last, StepReport& r
   findEnergies(report);
   StepWork work;
   for (int i = 0; i < bodies(); ++i) work += workOn(*systems_[i], state_.bodies[i]);
-  const double made = energyMade(before, energy_, work);
+  const double made = energyMade(before, energy_, work, share);
   const double floor = input.followed.on ? kFollowingFloor : kEnergyFloor;
   const bool forced = input.followed.on && systems_[tool_]->wrenchOnHandle(state_.bodies[tool_]).head<3>().norm() >
                                                input.followed.largest_force;
-  if (!last && (forced || made > kEnergyShare * (before + energy_) + floor)) {
+  if (!last && (forced || made > share * floor)) {
     for (const auto& system : systems_) system->retreat();
     std::swap(state_.contacts, contacts_before_);
     energy_ = before;
@@ -281,11 +279,14 @@ StepInput World::inputAt(const Way& way, double from, double to) const {
   const double h = (to - from) * way.step;
   if (way.path == nullptr) {
     const DeviceTarget target = to == 1 ? way.to : between(way.from, way.to, to);
-    return {h, gravity, saturatedLink(target), target};
+    return {h, gravity, linkTo(between(way.from, way.to, from)), target};
   }
   const HandleState end = way.path->at(to);
   const DeviceTarget target{end.pose, end.twist};
-  if (way.pulled) return {h, gravity, saturatedLink(target), target};
+  if (way.pulled) {
+    const HandleState start = way.path->at(from);
+    return {h, gravity, linkTo({start.pose, start.twist}), target};
+  }
   StepInput input{h, gravity, link, target};
   input.followed.on = true;
   input.followed.end = end;
@@ -309,7 +310,8 @@ void World::stepAlong(Way& way, double from, double to, StepReport& sum) {
     const auto shareAt = [&](int part) { return part == kShortest ? to : from + (to - from) * part / kShortest; };
     StepReport part;
     const bool last = length == 1 && (way.path == nullptr || way.pulled);
-    if (!tryStep(inputAt(way, shareAt(done), shareAt(done + length)), length == kShortest, last, part)) {
+    if (!tryStep(inputAt(way, shareAt(done), shareAt(done + length)), static_cast<double>(length) / kShortest, last,
+                 part)) {
       sum.times += part.times;
       if (way.path != nullptr && !way.pulled) {
         way.pulled = true;
@@ -375,7 +377,7 @@ StepReport World::walk(Way way, int parts) {
 
 StepReport World::evaluate(const DeviceTarget& device, double h) {
   meter_.start({0.5 * budget.operations, 0.5 * budget.seconds});
-  StepReport report = stepBodies(all(), {h, gravity, saturatedLink(device), device}, Ending::stay);
+  StepReport report = stepBodies(all(), {h, gravity, linkTo(device), device}, Ending::stay);
   findEnergies(report);
   return report;
 }
@@ -423,22 +425,11 @@ const Obstacle* World::obstacleOf(const Contact& c) const {
   return i >= 0 ? &obstacles[static_cast<std::size_t>(i)] : nullptr;
 }
 
-LinkParameters World::saturatedLink(const DeviceTarget& device) const {
-  LinkParameters out = link;
-  if (!hasTool()) return out;
+// As it pulls the handle where it is.
+LinkParameters World::linkTo(const DeviceTarget& device) const {
+  if (!hasTool()) return link;
   const HandleState& handle = tool().state.handle;
-  const Vec6 wrench = linkWrenchOnDevice(link, handle.pose, handle.twist, device.pose, device.twist);
-  const double force = std::min(1.0, link_force_limit / wrench.head<3>().norm());
-  const double torque = std::min(1.0, link_torque_limit / wrench.tail<3>().norm());
-  if (force < 1) {
-    out.stiffness *= force;
-    out.damping *= force;
-  }
-  if (torque < 1) {
-    out.rotational_stiffness *= torque;
-    out.rotational_damping *= torque;
-  }
-  return out;
+  return saturated(link, handle.pose, handle.twist, device.pose, device.twist);
 }
 
 // Of the last step, of a free node's coordinate or a handle's twist [m/s; rad/s].

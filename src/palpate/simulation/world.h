@@ -31,10 +31,6 @@ class World {
  public:
   Vec3 gravity{0, 0, -9.81};
   LinkParameters link;
-  /// Where the link to the device saturates, as a device's motors do: beyond, it yields like a softer link with this
-  /// force [N] and torque [N m] at the start of the step.
-  double link_force_limit = std::numeric_limits<double>::infinity();
-  double link_torque_limit = std::numeric_limits<double>::infinity();
   ContactSettings contact;
   /// Of a step(); evaluate() has half of it, settle() none.
   StepBudget budget;
@@ -129,14 +125,14 @@ class World {
     std::vector<int> nearby;
   };
   void prepare();
-  LinkParameters saturatedLink(const DeviceTarget& device) const;
+  LinkParameters linkTo(const DeviceTarget& device) const;
   std::vector<int> all() const;
   void requireFit(int i, const BodyState& state) const;
   void wasSet(int i);
   StepReport walk(Way way, int parts);
   StepInput inputAt(const Way& way, double from, double to) const;
   void stepAlong(Way& way, double from, double to, StepReport& sum);
-  bool tryStep(const StepInput& input, bool whole, bool last, StepReport& report);
+  bool tryStep(const StepInput& input, double share, bool last, StepReport& report);
   StepReport stepBodies(const std::vector<int>& moving, const StepInput& input, Ending ending, double share = 0.0);
   bool beginBodies(const std::vector<int>& moving, const StepInput& input, Ending ending, StepReport& report);
   void beginBody(int i, const StepInput& input, BodyBegin& begin);

@@ -41,12 +41,25 @@ bool FreezeWatch::pulled(const World& world, const Pose& device) const {
   return far(poseDifference(world.tool().state.handle.pose, device) - hanging_);
 }
 
-bool FreezeWatch::deviceMoved(const Pose& device) const {
+// The handle stands still: the pull changes with the device.
+bool FreezeWatch::pullChanged(const World& world, const Pose& device) const {
+  const LinkParameters& link = world.link;
+  const Pose& handle = world.tool().state.handle.pose;
+  const auto within = [](Eigen::Ref<Vec3> stretch, double most) {
+    if (stretch.norm() > most) stretch *= most / stretch.norm();
+  };
+  const auto stretch = [&](const Pose& of) {
+    Vec6 out = poseDifference(of, handle);
+    within(out.head<3>(), link.peak_force / link.stiffness);
+    within(out.tail<3>(), link.peak_torque / link.rotational_stiffness);
+    return out;
+  };
+  const Vec6 now = stretch(device);
   return std::any_of(devices_.begin(), devices_.end(),
-                     [&](const Pose& earlier) { return far(poseDifference(device, earlier)); });
+                     [&](const Pose& earlier) { return far(now - stretch(earlier)); });
 }
 
-int FreezeWatch::after(const World& world, const Pose& device, bool tool_touches) {
+int FreezeWatch::after(const World& world, const Pose& device, bool tool_touches, bool cut) {
   devices_.push_back(device);
   if (static_cast<int>(devices_.size()) > steps_) devices_.pop_front();
   int frozen = 0;
@@ -56,9 +69,10 @@ int FreezeWatch::after(const World& world, const Pose& device, bool tool_touches
     const bool still = largest(state.positions - w.before) < kStill;
     w.before = state.positions;
     w.still = still ? w.still + 1 : 0;
-    w.stopped = still && step_ * largest(state.velocities) > kGoing ? w.stopped + 1 : 0;
+    w.stopped = still && cut && step_ * largest(state.velocities) > kGoing ? w.stopped + 1 : 0;
     if (w.still < steps_) continue;
-    const bool held_back = i == world.toolIndex() && pulled(world, device) && (!tool_touches || deviceMoved(device));
+    const bool held_back =
+        i == world.toolIndex() && pulled(world, device) && (!tool_touches || pullChanged(world, device));
     if (w.stopped >= steps_ || held_back) ++frozen;
   }
   return frozen;

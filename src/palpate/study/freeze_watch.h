@@ -9,9 +9,10 @@ namespace palpate {
 
 /// Watches for bodies that stand still although something moves them. A body is frozen when no node has moved by more
 /// than a micrometer in any step of the last 0.3 s, although
-/// - in each of them its velocities would have carried a node by ten micrometers: it was stopped each time; or
+/// - in each of them its velocities would have carried a node by ten micrometers, and motion was cut short; or
 /// - it is the tool, its handle is 5 mm or 0.3 rad farther from the device than at the start, and the device has moved
-///   by as much in that time, or nothing touches the tool.
+///   by as much in that time, or nothing touches the tool. Motion with which the link's pull does not change, as it is
+///   saturated, does not count.
 class FreezeWatch {
  public:
   /// @param start  of the device: where the handle now hangs from it counts as no distance
@@ -21,7 +22,8 @@ class FreezeWatch {
   /// The world was set to another state: the watch begins anew.
   void restart(const World& world);
   /// After each step. @returns how many bodies are frozen now
-  int after(const World& world, const Pose& device, bool tool_touches);
+  /// @param cut  whether the step cut the motion of any body short
+  int after(const World& world, const Pose& device, bool tool_touches, bool cut);
 
  private:
   struct Watched {  // a body
@@ -30,7 +32,7 @@ class FreezeWatch {
     int stopped = 0;
   };
   bool pulled(const World& world, const Pose& device) const;
-  bool deviceMoved(const Pose& device) const;
+  bool pullChanged(const World& world, const Pose& device) const;
 
   double step_;
   int steps_;     // of 0.3 s

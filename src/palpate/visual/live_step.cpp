@@ -97,7 +97,7 @@ VisualRecord LiveVisual::step(World& world, const HandlePath& path, const Device
   ToolPath way = pathSince(path);
   const HandleState& end = way.points.back();
   way.largest_force =
-      kStrong * linkWrenchOnDevice(world.link, end.pose, end.twist, device.pose, device.twist).head<3>().norm() +
+      kStrong * saturatedWrenchOnDevice(world.link, end.pose, end.twist, device.pose, device.twist).head<3>().norm() +
       kAnyway;
   const double length = tick_ * static_cast<double>(way.points.size() - 1);
   if (length <= 0) return record;
