@@ -12,6 +12,7 @@
 #include "palpate/study/evaluate.h"
 #include "palpate/study/hands.h"
 #include "progress.h"
+#include "scene_options.h"
 
 namespace palpate {
 namespace {
@@ -63,17 +64,7 @@ void addEvaluateCommand(CLI::App& app) {
   command->add_option("--visual-dt", options->study.visual_steps, "Visual steps, s; default 0.010,0.020,0.033")
       ->delimiter(',')
       ->type_name("S,S");
-  command->add_option("--latency", overrides.latency, "Visual steps until a step's result reaches the haptic loop")
-      ->type_name("N");
-  command->add_option("--jitter", overrides.jitter, "Visual steps that a result may be later still, by chance")
-      ->type_name("N");
-  command->add_option("--aim", overrides.aim, "What the visual handle aims at: sample or predicted")->type_name("NAME");
-  command->add_option("--derivative", overrides.derivative, "Derivative in the handle model: frozen or full")
-      ->type_name("NAME");
-  command->add_option("--handle", overrides.handle, "Which of the tool's handles is held")->type_name("NAME");
-  command->add_option("--duration", overrides.duration, "Length of the run, s")->type_name("S");
-  command->add_option("--tetrahedra", overrides.tetrahedra, "Wanted size of the tool's simulation mesh")
-      ->type_name("N");
+  addCommonOverrides(*command, overrides);
   command
       ->add_option("--hands", options->hands,
                    "Also hold the device in these hands, N/m and N s/m, or none, such as 500/8,200/3,100/2,30/0.5,none")

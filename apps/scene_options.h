@@ -8,6 +8,21 @@
 
 namespace palpate {
 
+/// What a run and a study of several methods and steps take alike.
+inline void addCommonOverrides(CLI::App& command, Overrides& overrides) {
+  command.add_option("--aim", overrides.aim, "What the visual handle aims at: sample or predicted")->type_name("NAME");
+  command.add_option("--derivative", overrides.derivative, "Derivative in the handle model: frozen or full")
+      ->type_name("NAME");
+  command.add_option("--handle", overrides.handle, "Which of the tool's handles is held")->type_name("NAME");
+  command.add_option("--duration", overrides.duration, "Length of the run, s")->type_name("S");
+  command.add_option("--latency", overrides.latency, "Visual steps until a step's result reaches the haptic loop")
+      ->type_name("N");
+  command.add_option("--jitter", overrides.jitter, "Visual steps that a result may be later still, by chance")
+      ->type_name("N");
+  command.add_option("--tetrahedra", overrides.tetrahedra, "Wanted size of the tool's simulation mesh")
+      ->type_name("N");
+}
+
 /// SCENE and what the command line may set instead of it.
 struct SceneOptions {
   std::string scene;
@@ -19,22 +34,11 @@ struct SceneOptions {
 
   void addOverrides(CLI::App& command) {
     command.add_option("--method", overrides.method, "live, hsl, hsl-exact or vc")->type_name("NAME");
-    command.add_option("--aim", overrides.aim, "What the visual handle aims at: sample or predicted")
-        ->type_name("NAME");
-    command.add_option("--derivative", overrides.derivative, "Derivative in the handle model: frozen or full")
-        ->type_name("NAME");
-    command.add_option("--cone", overrides.cone, "Friction cone: polyhedral or exact")->type_name("NAME");
-    command.add_option("--handle", overrides.handle, "Which of the tool's handles is held")->type_name("NAME");
-    command.add_option("--device", overrides.device, "simulated, prescribed or recorded:FILE")->type_name("NAME");
-    command.add_option("--duration", overrides.duration, "Length of the run, s")->type_name("S");
     command.add_option("--visual-dt", overrides.visual_dt, "Length of a visual step, s")->type_name("S");
-    command.add_option("--latency", overrides.latency, "Visual steps until a step's result reaches the haptic loop")
-        ->type_name("N");
-    command.add_option("--jitter", overrides.jitter, "Visual steps that a result may be later still, by chance")
-        ->type_name("N");
+    addCommonOverrides(command, overrides);
+    command.add_option("--cone", overrides.cone, "Friction cone: polyhedral or exact")->type_name("NAME");
+    command.add_option("--device", overrides.device, "simulated, prescribed or recorded:FILE")->type_name("NAME");
     command.add_option("--seed", overrides.seed, "Of everything random: jitter, the motion of palpate stress")
-        ->type_name("N");
-    command.add_option("--tetrahedra", overrides.tetrahedra, "Wanted size of the tool's simulation mesh")
         ->type_name("N");
   }
 

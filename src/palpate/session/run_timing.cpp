@@ -23,6 +23,7 @@ RunTiming timingOf(const SceneConfig& config) {
 }
 
 std::int64_t delayTicks(const RunTiming& timing, std::int64_t tick) {
+  if (timing.jitter == 0) return 0;
   const std::int64_t most = timing.jitter * std::llround(timing.visual_step / timing.haptic_step);
   std::seed_seq seed{static_cast<std::uint32_t>(timing.seed), static_cast<std::uint32_t>(timing.seed >> 32),
                      static_cast<std::uint32_t>(tick), static_cast<std::uint32_t>(tick >> 32)};
