@@ -292,16 +292,14 @@ void settle(World& world, const std::vector<int>& bodies, const Pose& device, St
   if (leaning && bodies.size() > 1) world.settle(bodies, device, tellSteps(teller, "bodies together"));
 }
 
-// Where the scene does not say: several times what the device renders, and the tool's weight besides, which the link is
-// to carry.
+// Where the scene does not say: what the device renders, and the tool's weight besides, which the link is to carry.
 void limitLink(World& world, const DeviceLimits& limits) {
-  constexpr double kFirmer = 1;
   const CompensatedWeight tool = staticWeight(world);
   const double weight = tool.weight.norm();
   const double torque = limits.peak_torque > 0 ? limits.peak_torque : DeviceLimits{}.peak_torque;
-  if (!std::isfinite(world.link.peak_force)) world.link.peak_force = kFirmer * limits.peak_force + weight;
+  if (!std::isfinite(world.link.peak_force)) world.link.peak_force = limits.peak_force + weight;
   if (!std::isfinite(world.link.peak_torque)) {
-    world.link.peak_torque = kFirmer * torque + weight * tool.center.norm();
+    world.link.peak_torque = torque + weight * tool.center.norm();
   }
 }
 
