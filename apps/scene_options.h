@@ -19,8 +19,7 @@ inline void addCommonOverrides(CLI::App& command, Overrides& overrides) {
       ->type_name("N");
   command.add_option("--jitter", overrides.jitter, "Visual steps that a result may be later still, by chance")
       ->type_name("N");
-  command.add_option("--tetrahedra", overrides.tetrahedra, "Wanted size of the tool's simulation mesh")
-      ->type_name("N");
+  command.add_option("--tetrahedra", overrides.tetrahedra, "Wanted size of the tool's simulation mesh")->type_name("N");
 }
 
 /// SCENE and what the command line may set instead of it.

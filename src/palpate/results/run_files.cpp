@@ -57,7 +57,8 @@ const std::vector<std::string> kVisualColumns{"time_s",
                                               "motion_share",
                                               "redone",
                                               "converged",
-                                              "energy_made_J"};
+                                              "energy_made_J",
+                                              "energy_corrected_J"};
 const std::vector<std::string> kTimingColumns{"time_s",       "step_ms",          "assemble_ms",
                                               "factorize_ms", "solve_ms",         "contact_ms",
                                               "advance_ms",   "linearization_ms", "lateness_ms"};
@@ -161,6 +162,7 @@ struct RunFiles::Impl {
     visual.cell(r.step.penetration).cell(r.step.solver_iterations).cell(r.step.solver_residual).cell(r.step.passes);
     visual.cell(r.step.kinetic_energy).cell(r.step.elastic_energy).cell(statusName(r.step.status));
     visual.cell(r.step.motion_share).cell(r.step.redone).cell(r.step.converged ? 1 : 0).cell(r.step.energy_made);
+    visual.cell(r.step.energy_corrected);
     visual.endRow();
     const double total = r.step.times.total() + r.linearization_s;
     timing.cell(r.time);

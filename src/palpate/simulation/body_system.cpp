@@ -692,6 +692,23 @@ Vec3 BodySystem::arcOffset(const ContactPoint& point, const VecX& x_end) const {
   return offset;
 }
 
+double BodySystem::correctionEnergy(double elastic) {
+  const FollowedHandle& followed = input_.followed;
+  double energy = 0;
+  if (followed.shift.size() > 0) {
+    ElasticAhead scratch;
+    energy = (turned_ ? prepared_.energy : model_->elasticity().energyAt(moved_, state_->elastic, scratch)) - elastic;
+  }
+  if (followed.velocity.size() == 0) return energy;
+  const Mat3 turn = start_.pose.matrix();
+  for (int r = 0; r < model_->freeNodes(); ++r) {
+    const int i = model_->free()[r];
+    const Vec3 before = start_velocities_.segment<3>(3 * i), more = turn * followed.velocity.segment<3>(3 * r);
+    energy += model_->elasticity().mass()[i] * (before + 0.5 * more).dot(more);
+  }
+  return energy;
+}
+
 Vec6 BodySystem::wrenchOnHandle(const BodyState& end) const {
   Vec6 wrench = Vec6::Zero();
   if (!ahead_.isFor(end.positions)) return wrench;

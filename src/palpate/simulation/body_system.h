@@ -146,6 +146,9 @@ class BodySystem {
   double elasticEnergy(const BodyState& state) {
     return model_->elasticity().energyAt(state.positions, state.elastic, ahead_);
   }
+  /// What the corrections that come with a path bring at the start of the step, kinetic and elastic [J].
+  /// @param elastic  energy that the body had before them [J]
+  double correctionEnergy(double elastic);
   /// Wrench of the tool on a handle that follows a path, elastic and damping, at the end of the step [N; N m], about
   /// its origin, world; from the forces that elasticEnergy() found there.
   Vec6 wrenchOnHandle(const BodyState& end) const;

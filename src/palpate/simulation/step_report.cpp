@@ -14,6 +14,7 @@ void StepReport::append(const StepReport& part) {
   sum.passes = std::max(passes, part.passes);
   sum.motion_share = std::min(motion_share, part.motion_share);
   sum.redone += redone;
+  sum.energy_corrected += energy_corrected;
   sum.out_of_budget = out_of_budget || part.out_of_budget;
   *this = sum;
 }

@@ -44,7 +44,8 @@ struct StepReport {
   /// By which the energy at the end exceeds that at the start, the work of link, gravity and driven bodies, and a
   /// hundredth of the sum of all their magnitudes [J].
   double energy_made = 0;
-  bool out_of_budget = false;  ///< the budget was used up: the rest of the step was taken as it came
+  double energy_corrected = 0;  ///< that corrections with a followed path brought, not counted there [J]
+  bool out_of_budget = false;   ///< the budget was used up: the rest of the step was taken as it came
   bool failed() const { return status == StepStatus::restored; }
   /// It went to its end, with contact as it should be.
   bool sound() const { return status == StepStatus::ok && motion_share >= 1.0 && !out_of_budget; }

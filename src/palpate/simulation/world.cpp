@@ -244,7 +244,7 @@ constexpr int kGoodParts = 4;      // so many good parts before a longer one is 
 constexpr double kTryShare = 0.3;  // of the budget: what a try may cost that need not succeed
 // an end that has more energy than work explains, by this much in a whole step [J], is not believed
 constexpr double kEnergyFloor = 1e-5;
-// corrections that come with a path bring some of their own
+// a handle that is led takes the free nodes along as one rigid body first
 constexpr double kFollowingFloor = 1e-3;
 
 // All bodies to the end of a part of a step. @returns false (nothing has happened) if it is not good enough; the last
@@ -252,15 +252,17 @@ constexpr double kFollowingFloor = 1e-3;
 bool World::tryStep(const StepInput& input, double share, bool last, StepReport& report) {
   if (!last) contacts_before_ = state_.contacts;
   const double before = energy_;
+  const double tool_before = input.followed.on ? elastic_[tool_] : 0;
   report = last ? stepBodies(all(), input, Ending::held) : stepBodies(all(), input, Ending::free, kTryShare);
   if (!last && report.failed()) {
     std::swap(state_.contacts, contacts_before_);
     return false;
   }
+  if (input.followed.on) report.energy_corrected = systems_[tool_]->correctionEnergy(tool_before);
   findEnergies(report);
   StepWork work;
   for (int i = 0; i < bodies(); ++i) work += workOn(*systems_[i], state_.bodies[i]);
-  const double made = energyMade(before, energy_, work, share);
+  const double made = energyMade(before + report.energy_corrected, energy_, work, share);
   const double floor = input.followed.on ? kFollowingFloor : kEnergyFloor;
   const bool forced = input.followed.on && systems_[tool_]->wrenchOnHandle(state_.bodies[tool_]).head<3>().norm() >
                                                input.followed.largest_force;
@@ -367,7 +369,7 @@ StepReport World::walk(Way way, int parts) {
   for (int k = 0; k < parts; ++k) {
     stepAlong(way, static_cast<double>(k) / parts, static_cast<double>(k + 1) / parts, report);
   }
-  report.energy_made = energyMade(before, energy_, work_);
+  report.energy_made = energyMade(before + report.energy_corrected, energy_, work_);
   if (follows) {
     state_.pulled_after = way.pulled ? std::min(2 * state_.pulled_after + 1, kMostPulled) : 0;
     state_.pulled_steps = state_.pulled_after;
