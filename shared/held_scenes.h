@@ -55,6 +55,18 @@ void holdNodes(BodyModel& body, const Region& region, const HandleOptions& optio
   holdNodes(body, nodesWhere(body.mesh().mesh.nodes, region), options);
 }
 
+/// A bar that hangs by a handle at its upper end, which the device holds stiffly; as it was built, not at rest.
+inline World hangingBar(const Vec3& size, const std::array<int, 3>& cells, const Material& material) {
+  World world;
+  world.link.stiffness = 1e5;
+  world.link.rotational_stiffness = 1e3;
+  BodyModel body("bar", barMesh(size, cells), material);
+  holdNodes(
+      body, [&](const Vec3& x) { return x.z() > size.z() * (1 - 1e-9); }, kPlainHandle);
+  world.add(std::move(body));
+  return world;
+}
+
 inline bool onTop(const Vec3& p) { return p.z() > kBarSize.z() - 1e-9; }
 inline bool onBottom(const Vec3& p) { return p.z() < 1e-9; }
 

@@ -21,19 +21,6 @@ Material materialOf(double youngs_modulus, double poisson_ratio) {
   return m;
 }
 
-// A bar that hangs by a handle at its upper end, which the device holds stiffly.
-World hanging(const Vec3& size, const std::array<int, 3>& cells, double youngs_modulus, double poisson_ratio) {
-  World world;
-  world.gravity = Vec3(0, 0, -kGravity);
-  world.link.stiffness = 1e5;
-  world.link.rotational_stiffness = 1e3;
-  BodyModel body("bar", barMesh(size, cells), materialOf(youngs_modulus, poisson_ratio));
-  holdNodes(
-      body, [&](const Vec3& x) { return x.z() > size.z() * (1 - 1e-9); }, kPlainHandle);
-  world.add(std::move(body));
-  return world;
-}
-
 // Of the nodes on the lower end, below where they were, against the handle's displacement [m].
 double elongation(const World& world, double length) {
   const BodyModel& model = world.tool().model;
@@ -60,7 +47,7 @@ class HangingBar : public testing::TestWithParam<double> {};
 TEST_P(HangingBar, StretchesByItsWeight) {
   const double ratio = GetParam(), length = 0.16;
   const double youngs_modulus = kDensity * kGravity * length / ratio;
-  World world = hanging(Vec3(0.04, 0.04, length), {3, 3, 12}, youngs_modulus, 0.0);
+  World world = hangingBar(Vec3(0.04, 0.04, length), {3, 3, 12}, materialOf(youngs_modulus, 0.0));
   world.settle({0}, world.tool().state.handle.pose);
   const double expected = kDensity * kGravity * length * length / (2 * youngs_modulus);
   EXPECT_NEAR(elongation(world, length) / expected, 1, 1e-3);
@@ -68,7 +55,7 @@ TEST_P(HangingBar, StretchesByItsWeight) {
 
 TEST_P(HangingBar, ComesToRestThoughItContracts) {
   const double ratio = GetParam(), length = 0.16;
-  World world = hanging(Vec3(0.04, 0.04, length), {3, 3, 12}, kDensity * kGravity * length / ratio, 0.4);
+  World world = hangingBar(Vec3(0.04, 0.04, length), {3, 3, 12}, materialOf(kDensity * kGravity * length / ratio, 0.4));
   const Pose device = world.tool().state.handle.pose;
   world.settle({0}, device);
   const VecX before = world.tool().state.positions;
@@ -87,7 +74,7 @@ TEST(Settle, RopeAndSheetHang) {
   };
   for (const Case& c :
        {Case{Vec3(0.006, 0.006, 0.5), {1, 1, 40}, 2e4}, Case{Vec3(0.3, 0.004, 0.3), {12, 1, 12}, 1e4}}) {
-    World world = hanging(c.size, c.cells, c.youngs_modulus, 0.3);
+    World world = hangingBar(c.size, c.cells, materialOf(c.youngs_modulus, 0.3));
     EXPECT_NO_THROW(world.settle({0}, world.tool().state.handle.pose)) << c.size.transpose();
   }
 }

@@ -20,27 +20,27 @@ struct LinkParameters {
   double peak_torque = std::numeric_limits<double>::infinity();
 };
 
-/// Wrench of the link on the device: kd (x - xd) + bd (v - vd), kr log(R Rd^T) + br (w - wd); about the handle's
-/// origin, world frame [N; N m]. The handle feels its negative.
-inline Vec6 linkWrenchOnDevice(const LinkParameters& link, const Pose& handle, const Vec6& twist, const Pose& device,
-                               const Vec6& device_twist) {
-  const Vec6 offset = poseDifference(handle, device);
-  const Vec6 slip = twist - device_twist;
+/// kd (x - xd) + bd (v - vd), kr log(R Rd^T) + br (w - wd), from the differences of poses and twists [N; N m].
+inline Vec6 linkWrench(const LinkParameters& link, const Vec6& offset, const Vec6& slip) {
   Vec6 wrench;
   wrench.head<3>() = link.stiffness * offset.head<3>() + link.damping * slip.head<3>();
   wrench.tail<3>() = link.rotational_stiffness * offset.tail<3>() + link.rotational_damping * slip.tail<3>();
   return wrench;
 }
 
+/// Wrench of the link on the device, without its limits; about the handle's origin, world frame [N; N m]. The handle
+/// feels its negative.
+inline Vec6 linkWrenchOnDevice(const LinkParameters& link, const Pose& handle, const Vec6& twist, const Pose& device,
+                               const Vec6& device_twist) {
+  return linkWrench(link, poseDifference(handle, device), twist - device_twist);
+}
+
 /// The link from a given state on: a spring or damper that would pull there with more than the link's limit is softer
 /// by as much. So it stays passive, and what solves for it linear.
-inline LinkParameters saturated(const LinkParameters& link, const Pose& handle, const Vec6& twist, const Pose& device,
-                                const Vec6& device_twist) {
+inline LinkParameters saturated(const LinkParameters& link, const Vec6& offset, const Vec6& slip) {
   const auto within = [](double coefficient, double length, double limit) {
     return coefficient * length > limit ? limit / length : coefficient;
   };
-  const Vec6 offset = poseDifference(handle, device);
-  const Vec6 slip = twist - device_twist;
   LinkParameters out = link;
   out.stiffness = within(link.stiffness, offset.head<3>().norm(), link.peak_force);
   out.damping = within(link.damping, slip.head<3>().norm(), link.peak_force);
@@ -48,11 +48,16 @@ inline LinkParameters saturated(const LinkParameters& link, const Pose& handle, 
   out.rotational_damping = within(link.rotational_damping, slip.tail<3>().norm(), link.peak_torque);
   return out;
 }
+inline LinkParameters saturated(const LinkParameters& link, const Pose& handle, const Vec6& twist, const Pose& device,
+                                const Vec6& device_twist) {
+  return saturated(link, poseDifference(handle, device), twist - device_twist);
+}
 
 /// linkWrenchOnDevice() within the link's limits.
 inline Vec6 saturatedWrenchOnDevice(const LinkParameters& link, const Pose& handle, const Vec6& twist,
                                     const Pose& device, const Vec6& device_twist) {
-  return linkWrenchOnDevice(saturated(link, handle, twist, device, device_twist), handle, twist, device, device_twist);
+  const Vec6 offset = poseDifference(handle, device), slip = twist - device_twist;
+  return linkWrench(saturated(link, offset, slip), offset, slip);
 }
 
 }  // namespace palpate

@@ -45,13 +45,10 @@ bool FreezeWatch::pulled(const World& world, const Pose& device) const {
 bool FreezeWatch::pullChanged(const World& world, const Pose& device) const {
   const LinkParameters& link = world.link;
   const Pose& handle = world.tool().state.handle.pose;
-  const auto within = [](Eigen::Ref<Vec3> stretch, double most) {
-    if (stretch.norm() > most) stretch *= most / stretch.norm();
-  };
-  const auto stretch = [&](const Pose& of) {
-    Vec6 out = poseDifference(of, handle);
-    within(out.head<3>(), link.peak_force / link.stiffness);
-    within(out.tail<3>(), link.peak_torque / link.rotational_stiffness);
+  const auto stretch = [&](const Pose& of) {  // of the springs alone
+    Vec6 out = saturatedWrenchOnDevice(link, handle, Vec6::Zero(), of, Vec6::Zero());
+    out.head<3>() /= link.stiffness;
+    out.tail<3>() /= link.rotational_stiffness;
     return out;
   };
   const Vec6 now = stretch(device);
