@@ -42,7 +42,8 @@ if(PALPATE_FUZZ)
 endif()
 
 # Precompiled headers: what nearly every source includes. GCC takes the optimization of a precompiled header for that of
-# the whole source, so a target that compiles with other options than the rooms has one of its own.
+# the whole source, so a target that compiles with other options than the rooms has one of its own. Clang reads one of
+# another optimization when it is told not to compare.
 set(PALPATE_COMMON_HEADERS
     <algorithm> <array> <atomic> <chrono> <cmath> <cstdint> <filesystem> <functional> <limits> <map> <memory> <numbers>
     <numeric> <optional> <span> <stdexcept> <string> <string_view> <unordered_map> <utility> <variant> <vector>
@@ -53,12 +54,31 @@ function(palpate_precompiled name)
   add_library(${name} OBJECT ${CMAKE_BINARY_DIR}/${name}.cpp)
   target_link_libraries(${name} PRIVATE palpate_options)
   target_precompile_headers(${name} PRIVATE ${PALPATE_COMMON_HEADERS} ${ARGN})
+  set_target_properties(${name} PROPERTIES PALPATE_HEADERS "${ARGN}")
 endfunction()
 palpate_precompiled(palpate_headers)
-if(PALPATE_FUZZ)
-  palpate_precompiled(palpate_covered_headers)
-  target_compile_options(palpate_covered_headers PRIVATE ${PALPATE_COVERAGE})
+if(CMAKE_CXX_COMPILER_ID MATCHES "Clang")
+  set(PALPATE_ANY_HEADERS -Xclang -fno-validate-pch)
 endif()
+
+# palpate_reuse_headers(TARGET HEADERS OPTIONS...): HEADERS for a target that compiles with these options beside the
+# rooms' own.
+function(palpate_reuse_headers target headers)
+  target_compile_options(${target} PRIVATE ${ARGN} ${PALPATE_ANY_HEADERS})
+  if(NOT PALPATE_ANY_HEADERS)
+    string(MAKE_C_IDENTIFIER "${headers}${ARGN}" own)
+    if(NOT TARGET ${own})
+      get_target_property(listed ${headers} PALPATE_HEADERS)
+      get_target_property(libraries ${headers} LINK_LIBRARIES)
+      palpate_precompiled(${own} ${listed})
+      target_link_libraries(${own} PRIVATE ${libraries})
+      target_compile_options(${own} PRIVATE ${ARGN})
+    endif()
+    set(headers ${own})
+  endif()
+  target_precompile_headers(${target} REUSE_FROM ${headers})
+endfunction()
+
 # For what runs once and not at each step: compiles in half the time. What is not optimized at all is slower under a
 # sanitizer, but it is not what its tests wait for.
 if(CMAKE_BUILD_TYPE STREQUAL "Release")
@@ -66,8 +86,6 @@ if(CMAKE_BUILD_TYPE STREQUAL "Release")
 else()
   set(PALPATE_LIGHT -O0)
 endif()
-palpate_precompiled(palpate_light_headers)
-target_compile_options(palpate_light_headers PRIVATE ${PALPATE_LIGHT} ${PALPATE_COVERAGE})
 
 # With PALPATE_UNITY, a few sources that include those given, up to twelve each: headers are read and templates compiled
 # once for them all. CMake's own unity build writes absolute paths, which keeps a compiler cache from serving another
@@ -105,16 +123,12 @@ function(palpate_room name)
   if(ROOM_SOURCES OR ROOM_ALONE)
     palpate_join(joined room_${name} ${ROOM_SOURCES})
     add_library(palpate_${name} STATIC ${joined} ${ROOM_ALONE})
-    if(name IN_LIST PALPATE_COVERED AND NOT ROOM_LIGHT)
-      target_compile_options(palpate_${name} PRIVATE ${PALPATE_COVERAGE})
-    endif()
     if(ROOM_OPTIONS)
       target_compile_options(palpate_${name} PRIVATE ${ROOM_OPTIONS})
     elseif(ROOM_LIGHT)
-      target_compile_options(palpate_${name} PRIVATE ${PALPATE_LIGHT} ${PALPATE_COVERAGE})
-      target_precompile_headers(palpate_${name} REUSE_FROM palpate_light_headers)
-    elseif(name IN_LIST PALPATE_COVERED)
-      target_precompile_headers(palpate_${name} REUSE_FROM palpate_covered_headers)
+      palpate_reuse_headers(palpate_${name} palpate_headers ${PALPATE_LIGHT} ${PALPATE_COVERAGE})
+    elseif(PALPATE_COVERAGE AND name IN_LIST PALPATE_COVERED)
+      palpate_reuse_headers(palpate_${name} palpate_headers ${PALPATE_COVERAGE})
     else()
       target_precompile_headers(palpate_${name} REUSE_FROM palpate_headers)
     endif()
@@ -146,9 +160,6 @@ if(PALPATE_TESTS)
   palpate_precompiled(palpate_test_headers <gtest/gtest.h>)
   target_link_libraries(palpate_test_headers PRIVATE GTest::gtest)
   target_compile_options(palpate_test_headers PRIVATE ${PALPATE_TEST_OPTIONS})
-  palpate_precompiled(palpate_light_test_headers <gtest/gtest.h>)
-  target_link_libraries(palpate_light_test_headers PRIVATE GTest::gtest)
-  target_compile_options(palpate_light_test_headers PRIVATE ${PALPATE_LIGHT_TEST_OPTIONS})
 endif()
 
 # palpate_test(NAME SOURCES ... DEPENDS ... [LIBRARIES ...] [LABELS ...] [ALONE ...] [LIGHT]): one GoogleTest program,
@@ -161,8 +172,7 @@ function(palpate_test name)
   palpate_join(joined test_${name} ${TEST_SOURCES})
   add_executable(test_${name} ${joined} ${TEST_ALONE})
   if(TEST_LIGHT)
-    target_precompile_headers(test_${name} REUSE_FROM palpate_light_test_headers)
-    target_compile_options(test_${name} PRIVATE ${PALPATE_LIGHT_TEST_OPTIONS})
+    palpate_reuse_headers(test_${name} palpate_test_headers ${PALPATE_LIGHT_TEST_OPTIONS})
   else()
     target_precompile_headers(test_${name} REUSE_FROM palpate_test_headers)
     target_compile_options(test_${name} PRIVATE ${PALPATE_TEST_OPTIONS})
@@ -172,7 +182,7 @@ function(palpate_test name)
   endforeach()
   target_link_libraries(test_${name} PRIVATE palpate_options ${TEST_LIBRARIES} GTest::gtest GTest::gtest_main)
   set(properties TIMEOUT 600)
-  if(name MATCHES "_(long|hard)$")
+  if(name MATCHES "_(long|hard|state)$")
     list(APPEND properties COST 100) # the longest first, so that none runs alone at the end
   endif()
   foreach(label IN LISTS TEST_LABELS)

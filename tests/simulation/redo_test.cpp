@@ -65,7 +65,7 @@ TEST(Redo, EndsEarlyWhereTheBudgetIsUsedUp) {
   Thrown full, cut;
   cut.world.budget.operations = 1;
   bool early = false;
-  for (int n = 0; n < 150; ++n) {
+  for (int n = 0; n < 80; ++n) {
     const StepReport all = full.world.step(full.target(n), kStep);
     EXPECT_FALSE(all.out_of_budget);
     const StepReport some = cut.world.step(cut.target(n), kStep);

@@ -1,20 +1,18 @@
 #include <boost/asio/buffer.hpp>
-#include <boost/asio/write.hpp>
 #include <boost/beast/core/error.hpp>
+#include <boost/beast/core/file.hpp>
 #include <boost/beast/core/flat_buffer.hpp>
 #include <boost/beast/http/error.hpp>
-#include <boost/beast/http/file_body.hpp>
 #include <boost/beast/http/parser.hpp>
 #include <boost/beast/http/read.hpp>
 #include <boost/beast/http/rfc7230.hpp>
-#include <boost/beast/http/serializer.hpp>
-#include <boost/beast/http/span_body.hpp>
 #include <boost/beast/http/string_body.hpp>
 #include <boost/beast/http/write.hpp>
 #include <boost/beast/websocket/rfc6455.hpp>
 #include <chrono>
 #include <limits>
 #include <nlohmann/json.hpp>
+#include <sstream>
 
 #include "palpate/viewer/request_checks.h"
 #include "palpate/viewer/viewer_connection.h"
@@ -29,7 +27,7 @@ using Error = boost::system::error_code;
 using Clock = std::chrono::steady_clock;
 
 constexpr std::uint32_t kMaxHeader = 32 << 10;  // a browser sends the cookies of all servers on this host
-constexpr std::size_t kReadBuffer = 64 << 10;
+constexpr std::size_t kReadBuffer = 64 << 10, kPiece = 64 << 10;
 constexpr auto kMaxUploadTime = std::chrono::minutes(5);
 constexpr auto kMaxLingering = std::chrono::seconds(5);
 constexpr std::string_view kJson = "application/json; charset=utf-8";
@@ -87,8 +85,7 @@ class HttpConnection final : public Connection {
     if (allowed()) route();
   }
 
-  /// The only header of that name; empty where there is none, or where there are several, which is nobody's good
-  /// intent.
+  /// The only header of that name; empty where there is none, or where there are several.
   std::string_view header(http::field name) const {
     return request().count(name) == 1 ? viewOf(request()[name]) : std::string_view();
   }
@@ -199,13 +196,9 @@ class HttpConnection final : public Connection {
     upload_.emplace(std::move(*parser_));
     upload_->body_limit(core_.options.max_surface_bytes);
     if (!expects) return readSurface();
-    stream_.expires_after(patience_);
-    static constexpr std::string_view kContinue = "HTTP/1.1 100 Continue\r\n\r\n";
-    asio::async_write(stream_, asio::buffer(kContinue.data(), kContinue.size()),
-                      [self = shared()](Error error, std::size_t) {
-                        if (error) return self->cut();
-                        self->readSurface();
-                      });
+    piece_ = "HTTP/1.1 100 Continue\r\n\r\n";
+    content_ = {};
+    writePiece(&HttpConnection::readSurface);
   }
 
   void readSurface() {
@@ -280,58 +273,71 @@ class HttpConnection final : public Connection {
 
   /// @param content  outlives the answer
   void send(http::response_header<>&& headers, std::string_view content) {
-    if (head_) return sendHead(std::move(headers), content.size());
-    http::response<http::span_body<const char>> response(std::move(headers));
-    response.body() = {content.data(), content.size()};
-    response.content_length(content.size());
-    write(std::move(response));
-  }
-
-  void sendHead(http::response_header<>&& headers, std::uint64_t size) {
-    http::response<http::empty_body> response(std::move(headers));
-    response.content_length(size);
-    write(std::move(response));
+    content_ = content;
+    write(std::move(headers), content.size());
   }
 
   void sendFile(const DiskFile& file) {
     Error error;
-    http::file_body::value_type body;
-    body.open(file.file.c_str(), beast::file_mode::scan, error);
+    file_.open(file.file.c_str(), beast::file_mode::scan, error);
+    const std::uint64_t size = error ? 0 : file_.size(error);
     if (error) return answerText(http::status::not_found, "the file is gone");
-    auto headers = answerHeaders(http::status::ok, file.content_type);
-    const std::uint64_t size = body.size();
-    if (head_) return sendHead(std::move(headers), size);
-    http::response<http::file_body> response(std::move(headers));
-    response.body() = std::move(body);
-    response.content_length(size);
-    write(std::move(response));
+    content_ = {};
+    write(answerHeaders(http::status::ok, file.content_type), size);
   }
 
-  template <class Body>
-  struct Answer {
-    explicit Answer(http::response<Body>&& r) : response(std::move(r)) {}
-    http::response<Body> response;
-    http::response_serializer<Body> serializer{response};
-  };
-
-  template <class Body>
-  void write(http::response<Body>&& response) {
+  /// Sends the headers, and after them what is asked for of `content_` or `file_`. Beast's own way to write a response
+  /// takes a quarter of the time that this room compiles in.
+  void write(http::response_header<>&& headers, std::uint64_t size) {
     if (core_.stopping) keep_ = false;
+    http::response<http::empty_body> response(std::move(headers));
+    response.content_length(size);
     response.keep_alive(keep_);
-    writeSome(std::make_shared<Answer<Body>>(std::move(response)));
+    std::ostringstream text;
+    text << response.base();
+    piece_ = text.str();
+    file_left_ = file_.is_open() && !head_ ? size : 0;
+    if (head_) content_ = {};
+    fillPiece();
+    writePiece(&HttpConnection::onWritten);
   }
 
-  /// In pieces, each of which has its own time: a large file over a slow line is not an idle connection.
-  template <class Body>
-  void writeSome(std::shared_ptr<Answer<Body>> answer) {
+  /// Adds what follows to the piece, up to `kPiece` bytes.
+  void fillPiece() {
+    const std::size_t room = kPiece - std::min(kPiece, piece_.size());
+    const auto next = content_.substr(0, room);
+    piece_ += next;
+    content_.remove_prefix(next.size());
+    if (file_left_ == 0) return;
+    const std::size_t before = piece_.size();
+    const std::size_t wanted = std::min<std::uint64_t>(file_left_, room);
+    piece_.resize(before + wanted);
+    Error error;
+    const std::size_t read = file_.read(&piece_[before], wanted, error);
+    piece_.resize(before + read);
+    file_left_ -= read;
+    if (read < wanted) cut();  // the file has become shorter
+  }
+
+  /// Sends the piece and what follows. Each piece has its own time: a large file over a slow line is not an idle
+  /// connection.
+  void writePiece(void (HttpConnection::*then)(), std::size_t sent = 0) {
+    if (sent == piece_.size()) {
+      piece_.clear();
+      fillPiece();
+      sent = 0;
+    }
+    if (piece_.empty()) {
+      Error ignored;
+      file_.close(ignored);
+      return (this->*then)();
+    }
     stream_.expires_after(patience_);
-    auto& serializer = answer->serializer;
-    http::async_write_some(stream_, serializer,
-                           [self = shared(), answer = std::move(answer)](Error error, std::size_t) mutable {
-                             if (error) return self->cut();
-                             if (!answer->serializer.is_done()) return self->writeSome(std::move(answer));
-                             self->onWritten();
-                           });
+    stream_.async_write_some(asio::buffer(piece_.data() + sent, piece_.size() - sent),
+                             [self = shared(), then, sent](Error error, std::size_t more) {
+                               if (error) return self->cut();
+                               self->writePiece(then, sent + more);
+                             });
   }
 
   void onWritten() {
@@ -360,6 +366,11 @@ class HttpConnection final : public Connection {
   bool keep_ = false;     ///< the connection is for further requests
   bool head_ = false;     ///< headers only are asked for
   std::string text_;      ///< content that was made for this answer
+
+  std::string piece_;         ///< what is being sent
+  std::string_view content_;  ///< what follows it
+  beast::file file_;          ///< or what of this file
+  std::uint64_t file_left_ = 0;
 
   std::optional<http::request_parser<http::string_body>> upload_;
   std::string surface_name_;
