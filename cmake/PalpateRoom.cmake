@@ -38,7 +38,7 @@ target_link_libraries(palpate_options INTERFACE Eigen3::Eigen fmt::fmt) # both a
 # What libFuzzer steers by: it watches the rooms that read what comes from outside.
 if(PALPATE_FUZZ)
   set(PALPATE_COVERAGE -fsanitize=fuzzer-no-link)
-  set(PALPATE_COVERED mesh devices one_d) # and those that are LIGHT
+  set(PALPATE_COVERED mesh devices) # and those that are LIGHT
 endif()
 
 # Precompiled headers: what nearly every source includes. GCC takes the optimization of a precompiled header for that of

@@ -124,6 +124,34 @@ rejected_variants("bad-scene", {
     "mesh-flat": surface_scene("flat.obj", TETRAHEDRON.replace("v 0 0 1", "v 1 1 0")),
 })
 
+
+
+def attached_scene(attachment, *words):
+    """The good scene with an attachment of the tool that is wrong."""
+    return replaced("  friction: 0.5\n", f"  friction: 0.5\n  attachments: {attachment}\n", *words)
+
+
+LOWER = "region: {halfspace: {point: [0, 0, 0.001], normal: [0, 0, -1]}}"
+
+rejected_variants("bad-attachment", {
+    "not-a-map": attached_scene("[root]", "attachments"),
+    "no-region": attached_scene("{root: {}}", "attachments.root", "region"),
+    "unknown-key": attached_scene(f"{{root: {{{LOWER}, stifness: 1}}}}", "stifness", "stiffness"),
+    "zero-stiffness": attached_scene(f"{{root: {{{LOWER}, stiffness: 0}}}}", "attachments.root.stiffness"),
+    "negative-damping": attached_scene(f"{{root: {{{LOWER}, stiffness: 1, damping: -1}}}}", "damping"),
+    "damping-alone": attached_scene(f"{{root: {{{LOWER}, damping: 1}}}}", "damping", "stiffness"),
+    "no-node": attached_scene("{root: {region: {sphere: {center: [0, 0, 5], radius: 0.1}}}}", "root", "no node", "0.08"),
+    "no-surface": attached_scene("{root: {region: {sphere: {center: [0, 0, 0.04], radius: 0.01}}, stiffness: 1}}",
+                                 "root", "no part"),
+    "all-nodes": attached_scene("{root: {region: {sphere: {center: [0, 0, 0], radius: 1}}}}", "root", "every node"),
+    "the-handles-nodes": attached_scene("{root: {region: {halfspace: {point: [0, 0, 0.079], normal: [0, 0, 1]}}}}",
+                                        "top", "fixed"),
+    "twice": attached_scene(f"{{root: {{{LOWER}}}, again: {{{LOWER}}}}}", "again", "another"),
+    "live": text_scene("method: live\n".join(SCENE.replace("  friction: 0.5\n", f"  friction: 0.5\n  attachments: {{root: {{{LOWER}}}}}\n").partition("duration: 0.3\n")[::2]),
+                       "method", "hsl"),
+    "rigid": contact_scene("rigid: true", "rigid: true\n    attachments: {}", "attachments"),
+})
+
 rejected_variants("bad-contact", {
     "pair-unknown-name": contact_scene("[stone, plate]", "[stone, plat]", "pairs", "plat"),
     "pair-of-one": contact_scene("[stone, plate]", "[stone]", "pairs", "between"),

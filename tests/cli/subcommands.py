@@ -236,6 +236,82 @@ def check_case(at, active):
 check_case("0.2", True)
 
 
+def attached(text, indent, stiffness=None):
+    """The scene's text with its lower side held by the world."""
+    held = "{region: {halfspace: {point: [0, 0, 0.001], normal: [0, 0, -1]}}"
+    held += f", stiffness: {stiffness}, damping: 100" if stiffness else ""
+    return text.replace("  friction: 0.5\n", f"  friction: 0.5\n{indent}attachments: {{root: {held}}}}}\n", 1)
+
+
+def attached_case(name, stiffness):
+    def run(context):
+        scene = context.file("scene.yaml", attached(SCENE, "  ", stiffness).replace("obstacles:\n  - {name: ground, plane: {}}\n", ""))
+        context.rejects(["run", scene, "--method", "live", "--out", context.folder / "live"], ["--method", "hsl"])
+        context.succeeds(["check", "linearization", scene, "--at", "0.2", "--out", context.out])
+        check = context.summary()["linearization_check"]
+        for key in ("kx_frozen_rel", "kv_frozen_rel"):
+            expect(check[key] <= 1e-6, f"{key} is {check[key]}")
+        context.succeeds(["check", "linearization", scene, "--at", "0.2", "--derivative", "full", "--out", context.out])
+        check = context.summary()["linearization_check"]
+        for key in ("kx_full_rel", "kv_full_rel"):
+            expect(check[key] <= 1e-6, f"{key} is {check[key]}")
+        context.succeeds(["run", scene, "--duration", "0.6", "--pictures", "0", "--out", context.out])
+        summary = context.summary()
+        expect(summary["method"] == "hsl", f"method {summary['method']}")
+        root = summary["attachments"][0]
+        expect(root["name"] == "root" and root["peak_N"] > 0, f"{root}")
+        header, rows = context.table("attachments.csv")
+        check_columns("attachments.csv", [c for c in header if c not in ("body", "attachment")])
+        expect(len(rows) == summary["visual"]["steps"], f"{len(rows)} rows")
+
+    CASES[f"attachment-{name}"] = run
+
+
+attached_case("fixed", None)
+attached_case("springs", 1e5)
+
+
+RIGID_TOOL = """\
+palpate: 1
+name: probe
+duration: 0.4
+visual: {step: 0.02}
+tool:
+  rigid: true
+  density: 2000
+  shape: {sphere: {radius: 0.01}}
+  pose: {position: [0, 0, 0.031]}
+  handles:
+    grip:
+      mass: 0.02
+      hand: {keyframes: [{t: 0}, {t: 0.3, position: [0.002, 0, -0.006]}]}
+bodies:
+  - name: tissue
+    shape: {bar: {size: [0.06, 0.06, 0.03], cells: [4, 4, 2]}}
+    material: {youngs_modulus: 2.0e4, poisson_ratio: 0.4, density: 1000}
+    attachments: {table: {region: {halfspace: {point: [0, 0, 0.001], normal: [0, 0, -1]}}}}
+"""
+
+
+@case
+def rigid_tool(context):
+    scene = context.file("scene.yaml", RIGID_TOOL)
+    context.rejects(["run", context.file("r.yaml", RIGID_TOOL.replace("      mass", "      region: {}\n      mass", 1)), "--out", context.folder / "r"],
+                    ["region", "whole"])
+    context.rejects(["run", scene, "--tetrahedra", "100", "--out", context.folder / "t"], ["--tetrahedra", "rigid"])
+    for method in ("live", "hsl", "vc"):
+        context.succeeds(["run", scene, "--method", method, "--pictures", "0", "--out", context.out])
+        summary = context.summary()
+        expect(summary["contact"]["max_active"] > 0, f"{method}: no contact")
+        expect(0.1 < summary["force"]["peak_N"] < 3.3, f"{method}: {summary['force']}")
+    for derivative in ("frozen", "full"):
+        context.succeeds(["check", "linearization", scene, "--at", "0.3", "--derivative", derivative, "--out", context.out])
+        check = context.summary()["linearization_check"]
+        expect(check["active"] > 0, "no contact")
+        for key in (f"kx_{derivative}_rel", f"kv_{derivative}_rel"):
+            expect(check[key] <= 1e-6, f"{key} is {check[key]}")
+
+
 @case
 def mesh_info_and_embed(context):
     source = context.file("ball.off", ball())

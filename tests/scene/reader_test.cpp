@@ -2,6 +2,7 @@
 
 #include <numbers>
 
+#include "palpate/scene/builder.h"
 #include "palpate/scene/reader.h"
 #include "scene_text.h"
 
@@ -121,6 +122,34 @@ TEST(SceneReader, ReadsTheTool) {
   EXPECT_EQ(tool.material.damping_beta, 0.001);
   EXPECT_EQ(tool.friction, 0.9);
   EXPECT_FALSE(tool.self_contact);
+}
+
+TEST(SceneReader, ReadsAttachments) {
+  const std::string text = R"(  attachments:
+    root: {region: {sphere: {center: [0, 0, 0], radius: 0.02}}}
+    ligament: {region: {halfspace: {point: [0, 0, 0.05], normal: [0, 0, -1]}}, stiffness: 1.0e5, damping: 30}
+  handles:)";
+  const SceneConfig scene = read(replaced(kSmallScene, "  handles:", text));
+  ASSERT_EQ(scene.tool.attachments.size(), 2U);
+  EXPECT_EQ(scene.tool.attachments[0].name, "root");
+  EXPECT_FALSE(scene.tool.attachments[0].stiffness);
+  EXPECT_EQ(scene.tool.attachments[1].stiffness, 1e5);
+  EXPECT_EQ(scene.tool.attachments[1].damping, 30.0);
+  EXPECT_EQ(scene.method, MethodName::hsl);  // live is for tools that nothing but the hand holds
+  EXPECT_EQ(read(kSmallScene).method, MethodName::live);
+}
+
+// Springs have their stiffness per area of the surface in the region, here half a sphere's.
+TEST(SceneBuilder, SpringsGoByArea) {
+  const std::string text = R"(  attachments:
+    root: {region: {halfspace: {point: [0, 0, 0.05], normal: [0, 0, -1]}}, stiffness: 1.0e5, damping: 200}
+  handles:)";
+  const BuiltScene scene = buildScene(read(replaced(kSmallScene, "  handles:", text)));
+  const BodyModel& tool = scene.world.tool().model;
+  const double area = 2 * std::acos(-1.0) * 0.05 * 0.05;
+  EXPECT_NEAR(tool.springStiffness().sum(), 1e5 * area, 0.03 * 1e5 * area);
+  EXPECT_NEAR(tool.springDamping().sum(), 2e-3 * tool.springStiffness().sum(), 1e-9);
+  EXPECT_GE(tool.springStiffness().minCoeff(), 0.0);
 }
 
 TEST(SceneReader, ReadsPartsWhichTakeOverWhatTheyLeaveOut) {

@@ -120,8 +120,8 @@ TEST(ShippedScenes, AllRead) {
     EXPECT_LE(scene.duration, 20.0) << name;
     names.insert(name);
   }
-  for (const char* expected :
-       {"alien", "bunny", "block", "block-2592", "block-10140", "alien-self", "bunnies", "palpation", "plug", "pile"})
+  for (const char* expected : {"alien", "bunny", "block", "block-2592", "block-10140", "alien-self", "bunnies",
+                               "palpation", "liver", "plug", "pile"})
     EXPECT_TRUE(names.contains(expected)) << expected;
 }
 

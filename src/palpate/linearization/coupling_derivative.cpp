@@ -52,7 +52,7 @@ BoundaryElement view(const Body& tool, int index) {
       b.velocity[k] = tool.system.endTwist().head<3>() + Vec3(tool.system.endTwist().tail<3>()).cross(b.lever[k]);
     } else {
       b.lever[k].setZero();
-      b.velocity[k] = tool.system.endVelocity().segment<3>(3 * tool.model.row()[node]);
+      b.velocity[k] = tool.system.nodeEndVelocity(node);
     }
   }
   // K v by the stress that v makes, as the forces by that of x: far fewer operations than K's sixteen blocks
@@ -94,7 +94,7 @@ CouplingForces couplingForces(const Body& tool) {
         levers += lever * e.gradient[j].transpose();
         gradients += e.gradient[j];
       } else {
-        rate += tool.system.endVelocity().segment<3>(3 * tool.model.row()[e.node[j]]) * e.gradient[j].transpose();
+        rate += tool.system.nodeEndVelocity(e.node[j]) * e.gradient[j].transpose();
       }
     }
     const Mat3 start = e.deformationGradient(tool.system.startPositions());
@@ -144,9 +144,9 @@ RotationTerms rotationTerms(const Body& tool) {
         const Vec3 x = tool.system.startPositions().segment<3>(3 * e.node[j]);
         de -= k * (skew(x + time * b.velocity[j]) * omega + time * dvelocity[j]);
       }
-      if (b.attached[i] < 0) {
+      if (tool.model.row()[e.node[i]] >= 0) {
         out.free.middleRows<3>(3 * tool.model.row()[e.node[i]]) += de;
-      } else {
+      } else if (b.attached[i] >= 0) {
         out.handle.topRows<3>() += de;
         out.handle.bottomRows<3>() += skew(b.lever[i]) * de;
       }

@@ -18,7 +18,7 @@ MatX gramOf(BodySystem& system, const std::vector<NodeSum>& sums) {
       const int row = model.row()[node];
       if (row >= 0) {
         columns.block<3, 3>(3 * row, at).diagonal().array() += weight;
-      } else {
+      } else if (!model.isFixed(node)) {
         handle.middleCols<3>(at) +=
             weight * model.handle().jacobian(model.attachedIndex()[node], system.startPose()).transpose();
       }

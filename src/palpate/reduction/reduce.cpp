@@ -225,7 +225,8 @@ void ToolReduction::addContacts(World& world, const LiveSettings& settings, cons
   }
   model.shape = atContacts(basis.modes);
   MatX w(3 * m, 3 * m);
-  if (m > 0) factor_->gram(columns_, w);
+  w.setZero();
+  if (m > 0 && tool.model.freeNodes() > 0) factor_->gram(columns_, w);
   w = e_ * MatX(w.selfadjointView<Eigen::Lower>());
   for (Eigen::Index k = 0; k < r; ++k) {
     w -= model.shape.col(k) * model.shape.col(k).transpose() / (model.squared_frequency[k] + mass_scale_ / e_);

@@ -59,6 +59,8 @@ const std::vector<std::string> kVisualColumns{"time_s",
                                               "converged",
                                               "energy_made_J",
                                               "energy_corrected_J"};
+const std::vector<std::string> kAttachmentColumns{"time_s", "body",  "attachment", "fx_N", "fy_N",
+                                                  "fz_N",   "tx_Nm", "ty_Nm",      "tz_Nm"};
 const std::vector<std::string> kTimingColumns{"time_s",       "step_ms",          "assemble_ms",
                                               "factorize_ms", "solve_ms",         "contact_ms",
                                               "advance_ms",   "linearization_ms", "lateness_ms"};
@@ -194,6 +196,52 @@ struct RunFiles::Impl {
     if (1e-3 * step_ms.back() > config.visual_step) ++overruns;
   }
 
+  // On the visual loop's thread; the others are done when the rows are written.
+  void attachments(const World& world, const VisualRecord& r) {
+    for (int b = 0; b < world.bodies(); ++b) {
+      const Body body = world.body(b);
+      if (body.model.attachments().empty()) continue;
+      const std::vector<AttachmentForce> forces = body.system.attachmentForces();
+      for (std::size_t k = 0; k < forces.size(); ++k) {
+        const std::string& name = body.model.attachments()[k].name;
+        attachment_rows.push_back({r.time, body.model.name(), name, forces[k]});
+        if (r.step.failed()) attachment_rows.back().force.force.setConstant(std::nan(""));
+      }
+    }
+  }
+
+  void writeAttachments() {
+    if (attachment_rows.empty()) return;
+    CsvWriter csv(folder.stage("attachments.csv"), kAttachmentColumns);
+    for (const AttachmentRow& row : attachment_rows) {
+      csv.cell(row.time).cell(row.body.c_str()).cell(row.attachment.c_str());
+      for (int k = 0; k < 3; ++k) csv.cell(row.force.force[k]);
+      for (int k = 0; k < 3; ++k) csv.cell(row.force.moment[k]);
+      csv.endRow();
+    }
+    csv.close();
+  }
+
+  struct AttachmentSummary {
+    std::string body, attachment;
+    double peak = 0;
+    Vec3 last = Vec3::Zero();
+  };
+  std::vector<AttachmentSummary> attachmentSummaries() const {
+    std::vector<AttachmentSummary> out;
+    for (const AttachmentRow& row : attachment_rows) {
+      const auto same = [&](const AttachmentSummary& s) {
+        return s.body == row.body && s.attachment == row.attachment;
+      };
+      auto at = std::find_if(out.begin(), out.end(), same);
+      if (at == out.end()) at = out.insert(out.end(), {row.body, row.attachment, 0, Vec3::Zero()});
+      if (!row.force.force.allFinite()) continue;
+      at->peak = std::max(at->peak, row.force.force.norm());
+      at->last = row.force.force;
+    }
+    return out;
+  }
+
   double maxOf(const std::vector<double>& v) const { return v.empty() ? 0.0 : *std::max_element(v.begin(), v.end()); }
 
   static nlohmann::ordered_json flagCounts(const TickCounters& counters) {
@@ -259,6 +307,12 @@ struct RunFiles::Impl {
     j["force"] = {{"peak_N", peak_force},
                   {"rms_N", ticks > 0 ? std::sqrt(force_squares / static_cast<double>(ticks)) : 0.0},
                   {"delivered_J", outcome.delivered_energy}};
+    for (const AttachmentSummary& a : attachmentSummaries()) {
+      j["attachments"].push_back({{"body", a.body},
+                                  {"name", a.attachment},
+                                  {"peak_N", a.peak},
+                                  {"last_N", {a.last.x(), a.last.y(), a.last.z()}}});
+    }
     const SwitchAccount& account = outcome.switches;
     if (account.dissipated() > 0) {
       j["live"] = {{"energy_rises_J", account.rises()},
@@ -367,6 +421,12 @@ struct RunFiles::Impl {
     return plot;
   }
 
+  struct AttachmentRow {
+    double time;
+    std::string body, attachment;
+    AttachmentForce force;
+  };
+
   SceneConfig config;
   OutputFolder folder;
   CsvWriter haptic, motion, visual, timing;
@@ -381,6 +441,7 @@ struct RunFiles::Impl {
   std::vector<double> step_time, step_ms, step_ms_contact, linearization_ms, linearization_ms_contact, active, contacts,
       sliding, penetration_mm, kinetic, elastic;
   std::vector<std::vector<std::string>> rows;
+  std::vector<AttachmentRow> attachment_rows;
 };
 
 RunFiles::RunFiles(const std::filesystem::path& folder, const SceneConfig& config)
@@ -398,6 +459,7 @@ RunSink RunFiles::sink() {
   RunSink s;
   s.tick = [this](const TickRecord& r) { impl_->tick(r); };
   s.visual = [this](const VisualRecord& r) { impl_->step(r); };
+  s.stepped = [this](const World& world, const VisualRecord& r) { impl_->attachments(world, r); };
   return s;
 }
 
@@ -408,6 +470,7 @@ void RunFiles::finish(const BuiltScene& scene, const RunOutcome& outcome, const 
   i.motion.close();
   i.visual.close();
   i.timing.close();
+  i.writeAttachments();
   const auto add = [&](const std::string& what, const std::string& value, const std::string& unit) {
     i.rows.push_back({what, value, unit});
   };
@@ -428,6 +491,9 @@ void RunFiles::finish(const BuiltScene& scene, const RunOutcome& outcome, const 
   if (const double share = Impl::shareOf(outcome, TickFlag::force_clamped); share > kMuchClamped) {
     add(fmt::format("force held at the device's {:g} N", i.config.device.limits.peak_force),
         fmt::format("{:.1f}", 100 * share), "% of ticks");
+  }
+  for (const Impl::AttachmentSummary& a : i.attachmentSummaries()) {
+    add(fmt::format("{} held by {}: peak", a.body, a.attachment), plain({a.peak}), "N");
   }
   for (std::size_t k = 0; k < pictures.images.size(); ++k) {
     i.writePng(fmt::format("picture-{}.png", k + 1), pictures.images[k].png);

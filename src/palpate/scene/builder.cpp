@@ -90,6 +90,62 @@ Handle buildHandle(const ToolConfig& tool, const SimulationMesh& rest, const Bod
                        config.inertia.value_or(Vec3::Zero()), tool.pose.rotation);
 }
 
+// Area of the surface that lies in a region, by the nodes that carry it [m^2]: each triangle counts by 16 places.
+VecX areaInRegion(const SimulationMesh& rest, const RegionConfig& region) {
+  constexpr int kParts = 4;  // of an edge
+  VecX area = VecX::Zero(static_cast<Eigen::Index>(rest.mesh.nodes.size()));
+  const auto share = [&](int vertex, double a) {
+    const EmbeddedPoint& p = rest.embedding[vertex];
+    double sum = 0;
+    for (const double w : p.weights) sum += std::max(w, 0.0);
+    for (int k = 0; k < 4; ++k) area[rest.mesh.tetrahedra[p.tetrahedron][k]] += a * std::max(p.weights[k], 0.0) / sum;
+  };
+  for (const auto& t : rest.surface.triangles) {
+    const Vec3 &a = rest.surface.vertices[t[0]], &b = rest.surface.vertices[t[1]], &c = rest.surface.vertices[t[2]];
+    const double part = 0.5 * (b - a).cross(c - a).norm() / (kParts * kParts);
+    for (int i = 0; i < kParts; ++i) {
+      for (int j = 0; i + j < kParts; ++j) {
+        for (int upside = 0; upside < (i + j < kParts - 1 ? 2 : 1); ++upside) {
+          const double u = (i + (1.0 + upside) / 3.0) / kParts, v = (j + (1.0 + upside) / 3.0) / kParts;
+          if (!contains(region, a + u * (b - a) + v * (c - a))) continue;
+          share(t[0], part * (1 - u - v));
+          share(t[1], part * u);
+          share(t[2], part * v);
+        }
+      }
+    }
+  }
+  return area;
+}
+
+Attachment buildAttachment(const AttachmentConfig& config, const BodyConfig& body, const SimulationMesh& rest) {
+  const RegionConfig region = resolvedRegion(config.region, body.shape);
+  Attachment out;
+  out.name = config.name;
+  const auto fail = [&](const char* what) {
+    const Bounds box = boundsOf(rest.surface.vertices);
+    const auto text = [](const Vec3& v) { return fmt::format("({:.3g}, {:.3g}, {:.3g})", v.x(), v.y(), v.z()); };
+    throw InputError(body.name + ": attachment " + config.name, "region",
+                     fmt::format("holds {}, which lies from {} to {} m at rest", what, text(box.low), text(box.high)));
+  };
+  if (!config.stiffness) {
+    out.nodes = nodesWhere(rest.mesh.nodes, [&](const Vec3& p) { return contains(region, p); });
+    if (out.nodes.empty()) fail("no node of the body's simulation mesh");
+    return out;
+  }
+  const VecX area = areaInRegion(rest, region);
+  for (Eigen::Index n = 0; n < area.size(); ++n) {
+    if (area[n] > 0) out.nodes.push_back(static_cast<int>(n));
+  }
+  if (out.nodes.empty()) fail("no part of the body's surface");
+  out.stiffness.resize(static_cast<Eigen::Index>(out.nodes.size()));
+  for (std::size_t k = 0; k < out.nodes.size(); ++k) {
+    out.stiffness[static_cast<Eigen::Index>(k)] = *config.stiffness * area[out.nodes[k]];
+  }
+  out.damping = out.stiffness * (config.damping / *config.stiffness);
+  return out;
+}
+
 Obstacle buildObstacle(const ObstacleConfig& config) {
   Obstacle out;
   out.name = config.name;
@@ -328,12 +384,30 @@ BuiltScene buildChecked(const SceneConfig& config) {
     noteMesh(b, report, out.notes);
     teller.at(fmt::format("{}: matrices of {} tetrahedra", b.name, rest.mesh.tetrahedra.size()));
     BodyModel body(b.name, std::move(mesh), b.material, frictionOf(b, config), velocity, elementMaterials(b, rest));
+    for (const AttachmentConfig& a : b.attachments) body.attach(buildAttachment(a, b, rest));
     if (tool) {
       body.hold(buildHandle(config.tool, rest, body));
     }
     return world.add(std::move(body), b.self_contact);
   };
-  add(config.tool, Vec6::Zero(), true);
+  const auto addRigid = [&](const BodyConfig& b, const Vec6& velocity, bool tool) {
+    teller.at(b.name + ": reading its surface");
+    const Surface surface = placed(buildSurface(b.shape), b.pose);
+    budget.spend(tool ? "rigid" : "body", b.name, surface.triangles.size());
+    out.surface_triangles += static_cast<int>(surface.triangles.size());
+    BodyModel body = BodyModel::rigid(b.name, surface, b.material.density, frictionOf(b, config), velocity,
+                                      b.material.damping_alpha);
+    if (tool) {
+      const HandleConfig& handle = config.tool.chosenHandle();
+      body.holdRigid(handle.name, handle.mass, handle.inertia.value_or(Vec3::Zero()), b.pose.rotation);
+    }
+    world.add(std::move(body));
+  };
+  if (config.tool.rigid) {
+    addRigid(config.tool, Vec6::Zero(), true);
+  } else {
+    add(config.tool, Vec6::Zero(), true);
+  }
   limitLink(world, config.device.limits);
   out.start = world.tool().state.handle.pose;
   out.device = buildDevice(config, out.start);
@@ -345,12 +419,7 @@ BuiltScene buildChecked(const SceneConfig& config) {
     Vec6 velocity;
     velocity << b.velocity, b.angular_velocity;
     if (b.rigid) {
-      teller.at(b.name + ": reading its surface");
-      const Surface surface = placed(buildSurface(b.shape), b.pose);
-      budget.spend("body", b.name, surface.triangles.size());
-      out.surface_triangles += static_cast<int>(surface.triangles.size());
-      world.add(BodyModel::rigid(b.name, surface, b.material.density, frictionOf(b, config), velocity,
-                                 b.material.damping_alpha));
+      addRigid(b, velocity, false);
       continue;
     }
     const int index = add(b, velocity, false);

@@ -17,6 +17,9 @@ std::optional<std::string> sizeObjection(const SceneConfig& config);
 /// The tool has a handle of that name.
 std::optional<std::string> handleObjection(const ToolConfig& tool, const std::string& handle);
 
+/// The method can serve the tool.
+std::optional<std::string> methodObjection(const SceneConfig& config);
+
 /// Names as scene files and the command line spell them, in the order of the enumerators.
 const std::vector<std::string>& methodNames();
 const std::vector<std::string>& aimNames();

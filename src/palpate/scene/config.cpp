@@ -92,11 +92,16 @@ std::optional<std::string> timingObjection(const SceneConfig& config) {
 }
 
 std::optional<std::string> sizeObjection(const SceneConfig& config) {
-  double total = wantedTetrahedra(config.tool);
+  double total = config.tool.rigid ? 0.0 : wantedTetrahedra(config.tool);
   for (const FreeBodyConfig& body : config.bodies)
     if (!body.rigid) total += wantedTetrahedra(body);
   if (total <= limits::kTetrahedra) return std::nullopt;
   return fmt::format("the scene asks for {:.0f} tetrahedra; at most {} are allowed", total, limits::kTetrahedra);
+}
+
+std::optional<std::string> methodObjection(const SceneConfig& config) {
+  if (config.method != MethodName::live || config.tool.attachments.empty()) return std::nullopt;
+  return "live is for tools that move as a whole, and the world holds this one; take hsl";
 }
 
 std::optional<std::string> handleObjection(const ToolConfig& tool, const std::string& handle) {

@@ -139,6 +139,14 @@ struct MaterialConfig : Material {
   std::vector<MaterialPartConfig> parts;
 };
 
+/// Where the world holds a body.
+struct AttachmentConfig {
+  std::string name;
+  RegionConfig region;
+  std::optional<double> stiffness;  ///< of springs, on the surface in the region [N/m^3]; absent: its nodes are fixed
+  double damping = 0.0;             ///< of the springs [N s/m^3]
+};
+
 /// What tool and bodies share.
 struct BodyConfig {
   std::string name;
@@ -146,8 +154,9 @@ struct BodyConfig {
   int tetrahedra = 300;  ///< wanted count, for shapes that are embedded; BarShapeConfig and files have their own
   Pose pose;             ///< of the rest frame in the world
   MaterialConfig material;
-  std::optional<double> friction;  ///< coefficient; absent: ContactConfig::friction
-  bool self_contact = true;        ///< its surface does not pass through itself; rigid bodies need none
+  std::optional<double> friction;             ///< coefficient; absent: ContactConfig::friction
+  bool self_contact = true;                   ///< its surface does not pass through itself; rigid bodies need none
+  std::vector<AttachmentConfig> attachments;  ///< soft bodies
 };
 
 /// A body that nobody holds.
@@ -182,8 +191,9 @@ struct HandleConfig {
   HandConfig hand;
 };
 
-/// What the hand holds.
+/// What the hand holds. A rigid tool is held at its center of mass; its handles have no region.
 struct ToolConfig : BodyConfig {
+  bool rigid = false;                 ///< of the material only the density counts; the shape is a surface (isSurface())
   std::vector<HandleConfig> handles;  ///< at least one; only the chosen one is attached
   std::string handle;                 ///< the chosen one
   bool settled = true;                ///< starts in static equilibrium; otherwise in its rest shape

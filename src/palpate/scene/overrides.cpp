@@ -60,6 +60,7 @@ void setDevice(const std::string& device, DeviceConfig& config) {
 
 void setTetrahedra(const std::optional<long long>& tetrahedra, SceneConfig& config) {
   if (!tetrahedra) return;
+  if (config.tool.rigid) fail("--tetrahedra", "the scene's tool is rigid");
   if (std::holds_alternative<BarShapeConfig>(config.tool.shape) ||
       std::holds_alternative<TetrahedraFileShapeConfig>(config.tool.shape))
     fail("--tetrahedra", "the scene's tool has tetrahedra of its own; only embedded surfaces take a count");
@@ -78,6 +79,7 @@ void setSeed(const std::optional<long long>& seed, SceneConfig& config) {
 void applyOverrides(SceneConfig& config, const Overrides& overrides) {
   SceneConfig changed = config;
   choose("--method", overrides.method, methodNames(), changed.method);
+  failOn("--method", methodObjection(changed));
   choose("--aim", overrides.aim, aimNames(), changed.aim);
   choose("--derivative", overrides.derivative, derivativeNames(), changed.derivative);
   choose("--cone", overrides.cone, coneNames(), changed.contact.settings.cone.exact);

@@ -12,6 +12,7 @@ namespace {
 constexpr std::size_t kMaxHandles = 50;
 constexpr std::size_t kMaxKeyframes = 10000;
 constexpr std::size_t kMaxParts = 100;
+constexpr std::size_t kMaxAttachments = 100;
 
 const Range kYoungsModulus = Range::positive(1e12, "Pa");
 const Range kPoissonRatio = Range::between(-1.0, 0.5, "");
@@ -42,13 +43,28 @@ void readMaterial(const Value& value, BodyConfig& body) {
                 {"parts", readParts}});
 }
 
+AttachmentConfig readAttachment(const Value& value, const std::string& name, const ShapeConfig& shape) {
+  AttachmentConfig attachment;
+  attachment.name = name;
+  value.fields({regionField(attachment.region, shape),
+                numberField("stiffness", attachment.stiffness, Range::positive(1e12, "N/m^3")),
+                numberField("damping", attachment.damping, Range::within(0.0, 1e9, "N s/m^3"))});
+  if (attachment.damping > 0 && !attachment.stiffness) value.fail("has damping but no stiffness; without, it is fixed");
+  return attachment;
+}
+
 /// What deformable bodies have, beside a shape that has been read before.
 std::vector<Field> softFields(BodyConfig& body) {
   const auto readTetrahedra = [&body](const Value& value) {
     if (!isSurface(body.shape)) value.fail("this shape has tetrahedra of its own; only embedded surfaces take a count");
     body.tetrahedra = value.integer(limits::kMinTetrahedra, limits::kTetrahedra);
   };
+  const auto readAttachments = [&body](const Value& value) {
+    for (const auto& [name, item] : value.namedEntries(kMaxAttachments))
+      body.attachments.push_back(readAttachment(item, name, body.shape));
+  };
   return {{"tetrahedra", readTetrahedra},
+          {"attachments", readAttachments},
           {"material", [&body](const Value& value) { readMaterial(value, body); }},
           booleanField("self_contact", body.self_contact)};
 }
@@ -84,30 +100,48 @@ Vec3 readInertia(const Value& value) {
   return inertia;
 }
 
-HandleConfig readHandle(const Value& value, const std::string& name, const ShapeConfig& shape) {
+HandleConfig readHandle(const Value& value, const std::string& name, const ToolConfig& tool) {
   HandleConfig handle;
   handle.name = name;
-  value.fields({regionField(handle.region, shape),
-                numberField("mass", handle.mass, Range::positive(100.0, "kg")),
-                {"inertia", [&](const Value& v) { handle.inertia = readInertia(v); }},
-                {"hand", [&](const Value& v) { handle.hand = readHand(v); }}});
+  std::vector<Field> fields{numberField("mass", handle.mass, Range::positive(100.0, "kg")),
+                            {"inertia", [&](const Value& v) { handle.inertia = readInertia(v); }},
+                            {"hand", [&](const Value& v) { handle.hand = readHand(v); }}};
+  if (tool.rigid) {
+    fields.push_back({"region", [](const Value& v) { v.fail("a rigid tool is held as a whole"); }});
+  } else {
+    fields.push_back(regionField(handle.region, tool.shape));
+  }
+  value.fields(fields);
   return handle;
 }
 
 /// The field for bodies that are rigid or soft, as `rigid` says; for others the key is an error.
-Field onlyFor(const FreeBodyConfig& body, bool rigid, const Field& field, const char* objection) {
-  return {field.key, [&body, rigid, field, objection](const Value& value) {
-            if (body.rigid != rigid) value.fail(objection);
+Field onlyFor(const bool& is_rigid, bool rigid, const Field& field, const char* objection) {
+  return {field.key, [&is_rigid, rigid, field, objection](const Value& value) {
+            if (is_rigid != rigid) value.fail(objection);
             field.read(value);
           }};
 }
 
-Field freeShapeField(FreeBodyConfig& body) {
+template <class Body>
+Field shapeFieldOf(Body& body, const char* rigid_name) {
   const Field any = shapeField(body.shape);
-  return required({any.key, [any, &body](const Value& value) {
+  return required({any.key, [any, &body, rigid_name](const Value& value) {
                      any.read(value);
-                     if (body.rigid) requireSurface(value, body.shape, "a rigid body");
+                     if (body.rigid) requireSurface(value, body.shape, rigid_name);
                    }});
+}
+
+constexpr const char* kSoftOnly = "is for soft bodies; a rigid body has a density and nothing else of a material";
+constexpr const char* kRigidOnly = "is for rigid bodies; the density of a soft one is in its material";
+
+/// What deformable bodies and rigid ones have, each what is its own.
+template <class Body>
+void addKindFields(Body& body, const char* rigid_name, std::vector<Field>& fields) {
+  fields.push_back(booleanField("rigid", body.rigid));  // the others depend on these two
+  fields.push_back(shapeFieldOf(body, rigid_name));
+  for (const Field& field : softFields(body)) fields.push_back(onlyFor(body.rigid, false, field, kSoftOnly));
+  fields.push_back(onlyFor(body.rigid, true, numberField("density", body.material.density, kDensity), kRigidOnly));
 }
 
 // start: rest or settled
@@ -122,7 +156,7 @@ void readTool(const Value& value, ToolConfig& tool) {
   tool.name = "tool";
   const auto readHandles = [&](const Value& handles) {
     for (const auto& [name, handle] : handles.namedEntries(kMaxHandles))
-      tool.handles.push_back(readHandle(handle, name, tool.shape));
+      tool.handles.push_back(readHandle(handle, name, tool));
     if (tool.handles.empty()) handles.fail("is empty; the tool needs at least one handle");
     tool.handle = tool.handles.front().name;
   };
@@ -130,8 +164,10 @@ void readTool(const Value& value, ToolConfig& tool) {
     tool.handle = handle.name();
     if (const auto cause = handleObjection(tool, tool.handle)) handle.fail(*cause);
   };
-  std::vector<Field> fields{shapeField(tool.shape), poseField("pose", tool.pose), frictionField(tool.friction)};
-  for (Field& field : softFields(tool)) fields.push_back(std::move(field));
+  std::vector<Field> fields;
+  addKindFields(tool, "a rigid tool", fields);
+  fields.push_back(poseField("pose", tool.pose));
+  fields.push_back(frictionField(tool.friction));
   fields.push_back(required({"handles", readHandles}));
   fields.push_back({"handle", chooseHandle});
   fields.push_back(startField(tool.settled));
@@ -139,21 +175,20 @@ void readTool(const Value& value, ToolConfig& tool) {
 }
 
 FreeBodyConfig readFreeBody(const Value& value, std::size_t index) {
-  constexpr const char* soft_only = "is for soft bodies; a rigid body has a density and nothing else of a material";
   FreeBodyConfig body;
   body.name = fmt::format("body-{}", index + 1);
-  std::vector<Field> fields{booleanField("rigid", body.rigid), freeShapeField(body)};  // the others depend on these
-  for (const Field& field : softFields(body)) fields.push_back(onlyFor(body, false, field, soft_only));
+  std::vector<Field> fields;
+  addKindFields(body, "a rigid body", fields);
   fields.push_back(
-      onlyFor(body, false, startField(body.settled), "is for soft bodies; a rigid body starts as it is placed"));
-  fields.push_back(onlyFor(body, true, numberField("density", body.material.density, kDensity),
-                           "is for rigid bodies; the density of a soft one is in its material"));
+      onlyFor(body.rigid, false, startField(body.settled), "is for soft bodies; a rigid body starts as it is placed"));
   fields.push_back(poseField("pose", body.pose));
   fields.push_back(frictionField(body.friction));
   fields.push_back(nameField(body.name));
   fields.push_back(vectorField("velocity", body.velocity, Range::within(-100.0, 100.0, "m/s")));
   fields.push_back(rotationField("angular_velocity", body.angular_velocity, 36000.0));
   value.fields(fields);
+  if (!body.attachments.empty() && !(body.velocity.isZero(0.0) && body.angular_velocity.isZero(0.0)))
+    value.fail("what the world holds starts without velocity");
   return body;
 }
 

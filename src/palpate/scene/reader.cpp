@@ -118,7 +118,7 @@ void readLive(const Value& value, LiveSettings& live) {
                 numberField("feedback", live.feedback, Range::within(0.0, 1.0, ""))});
 }
 
-std::vector<Field> runFields(SceneConfig& config) {
+std::vector<Field> runFields(SceneConfig& config, bool& method_given) {
   const auto readVisual = [&config](const Value& value) {
     value.fields({required(numberField("step", config.visual_step, limits::kVisualStep)),
                   {"substeps", [&config](const Value& v) { readSubsteps(v, config); }},
@@ -135,7 +135,11 @@ std::vector<Field> runFields(SceneConfig& config) {
           {"haptic", readHaptic},
           integerField("latency", config.latency, 0, limits::kLatency),
           integerField("jitter", config.jitter, 0, limits::kLatency),
-          choiceField("method", config.method, methodNames()),
+          {"method",
+           [&config, &method_given](const Value& value) {
+             method_given = true;
+             config.method = static_cast<MethodName>(value.choice(methodNames()));
+           }},
           choiceField("aim", config.aim, aimNames()),
           booleanField("weight_compensation", config.weight_compensation),
           {"seed", [&config](const Value& value) { config.seed = value.seed(); }},
@@ -184,9 +188,11 @@ void readRoot(const Value& root, SceneConfig& config) {
   std::vector<Field> fields{required({"palpate", readVersion}),
                             required(nameField(config.name)),
                             {"description", [&](const Value& v) { config.description = v.text(10000); }}};
-  for (Field& field : runFields(config)) fields.push_back(std::move(field));
+  bool method_given = false;
+  for (Field& field : runFields(config, method_given)) fields.push_back(std::move(field));
   for (Field& field : worldFields(config, names)) fields.push_back(std::move(field));
   root.fields(fields);
+  if (!method_given && methodObjection(config)) config.method = MethodName::hsl;
 }
 
 }  // namespace
@@ -196,6 +202,7 @@ SceneConfig readSceneFromString(std::string_view text, const std::string& name) 
   readRoot(Value(name, "", parseDocument(text, name)), config);
   if (const auto cause = timingObjection(config)) throw InputError(name, "visual.step", *cause);
   if (const auto cause = sizeObjection(config)) throw InputError(name, "", *cause);
+  if (const auto cause = methodObjection(config)) throw InputError(name, "method", *cause);
   return config;
 }
 

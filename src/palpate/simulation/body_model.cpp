@@ -46,12 +46,10 @@ BodyModel::BodyModel(std::string name, SimulationMesh mesh, const Material& mate
       finder_(mesh_),
       friction_(friction),
       velocity_(velocity) {
-  const int n = fem_.nodes();
-  row_.resize(n);
-  free_.resize(n);
-  for (int i = 0; i < n; ++i) row_[i] = free_[i] = i;
-  attached_.assign(n, -1);
-  pattern_ = fem_.pattern(row_);
+  attached_.assign(fem_.nodes(), -1);
+  fixed_.assign(fem_.nodes(), 0);
+  row_.resize(fem_.nodes());
+  number();
 }
 
 BodyModel BodyModel::rigid(std::string name, const Surface& surface, double density, double friction,
@@ -77,33 +75,91 @@ BodyModel BodyModel::rigid(std::string name, const Surface& surface, double dens
   frame.start.pose.position = center;
   frame.start.twist = velocity;
   BodyModel body(std::move(name), std::move(mesh), material, friction, velocity);
-  body.attach(frame);
+  body.attachTo(frame);
   return body;
 }
 
+void BodyModel::holdRigid(const std::string& name, double own_mass, const Vec3& own_inertia, const Quat& rotation) {
+  Handle& handle = *handle_;
+  const Mat3 turn = rotation.normalized().toRotationMatrix();
+  handle.name = name;
+  for (Vec3& offset : handle.offsets) offset = (turn.transpose() * offset).eval();
+  handle.start.pose.rotation = rotation.normalized();
+  handle.attached_inertia = turn.transpose() * handle.attached_inertia * turn;
+  constexpr double kRadius = 0.01;  // [m], of what fingers hold
+  const double ball = 0.4 * own_mass * kRadius * kRadius;
+  handle.inertia = handle.attached_inertia;
+  for (int k = 0; k < 3; ++k) handle.inertia(k, k) += own_inertia[k] > 0 ? own_inertia[k] : ball;
+  handle.mass += own_mass;
+  held_ = true;
+}
+
 void BodyModel::hold(const Handle& handle) {
-  attach(handle);
+  for (const int n : handle.nodes) {
+    if (fixed_[n] != 0) throw InputError("handle " + handle.name, "region", "holds nodes that are fixed to the world");
+  }
+  attachTo(handle);
   held_ = true;
   if (free_.empty()) throw InputError("handle " + handle.name, "region", "holds every node: nothing is left to deform");
   if (boundary_.empty())
     throw InputError("handle " + handle.name, "region", "is not connected to the rest of the tool");
 }
 
-void BodyModel::attach(const Handle& handle) {
+void BodyModel::attachTo(const Handle& handle) {
   handle_ = handle;
+  for (std::size_t k = 0; k < handle.nodes.size(); ++k) attached_[handle.nodes[k]] = static_cast<int>(k);
+  number();
+}
+
+void BodyModel::attach(Attachment attachment) {
+  const auto fail = [&](const std::string& cause) {
+    throw InputError(name_ + ": attachment " + attachment.name, "region", cause);
+  };
+  for (std::size_t k = 0; k < attachment.nodes.size(); ++k) {
+    const int n = attachment.nodes[k];
+    if (!attachment.fixed()) {
+      if (spring_stiffness_.size() == 0) {
+        spring_stiffness_.setZero(nodes());
+        spring_damping_.setZero(nodes());
+      }
+      spring_stiffness_[n] += attachment.stiffness[static_cast<Eigen::Index>(k)];
+      spring_damping_[n] += attachment.damping[static_cast<Eigen::Index>(k)];
+      continue;
+    }
+    if (fixed_[n] != 0) fail("fixes nodes that another attachment fixes");
+    if (attached_[n] >= 0) fail("fixes nodes that the handle holds");
+    fixed_[n] = 1;
+  }
+  number();
+  if (free_.empty()) fail("fixes every node: nothing is left to deform");
+  attachments_.push_back(std::move(attachment));
+}
+
+// Free nodes get rows; elements are sorted by what holds their nodes.
+void BodyModel::number() {
   free_.clear();
   boundary_.clear();
-  for (std::size_t k = 0; k < handle.nodes.size(); ++k) attached_[handle.nodes[k]] = static_cast<int>(k);
+  fixed_elements_.clear();
   for (int i = 0; i < nodes(); ++i) {
-    row_[i] = attached_[i] >= 0 ? -1 : static_cast<int>(free_.size());
+    row_[i] = attached_[i] >= 0 || fixed_[i] != 0 ? -1 : static_cast<int>(free_.size());
     if (row_[i] >= 0) free_.push_back(i);
   }
   for (int e = 0; e < static_cast<int>(fem_.elements().size()); ++e) {
     const auto& node = fem_.elements()[e].node;
     const auto count = std::count_if(node.begin(), node.end(), [&](int n) { return attached_[n] >= 0; });
     if (count > 0 && count < 4) boundary_.push_back(e);
+    if (std::any_of(node.begin(), node.end(), [&](int n) { return fixed_[n] != 0; })) fixed_elements_.push_back(e);
   }
   pattern_ = fem_.pattern(row_);
+}
+
+double BodyModel::springEnergy(const VecX& x) const {
+  double sum = 0;
+  if (spring_stiffness_.size() == 0) return sum;
+  for (const int i : free_) {
+    sum += 0.5 * spring_stiffness_[i] * (x.segment<3>(3 * i) - mesh_.mesh.nodes[i]).squaredNorm();
+  }
+  return sum;
 }
 
 double BodyModel::totalMass() const {
@@ -121,6 +177,7 @@ BodyState BodyModel::startState() const {
     state.positions.segment<3>(3 * i) = mesh_.mesh.nodes[i];
     state.velocities.segment<3>(3 * i) =
         velocity_.head<3>() + Vec3(velocity_.tail<3>()).cross(mesh_.mesh.nodes[i] - center);
+    if (fixed_[i] != 0) state.velocities.segment<3>(3 * i).setZero();
   }
   state.elastic = fem_.stateAt(state.positions);
   if (framed()) setHandle(handle_->start, state);
@@ -138,7 +195,7 @@ void BodyModel::setHandle(const HandleState& handle, BodyState& state) const {
 VecX BodyModel::placesInHandle(const BodyState& state) const {
   const Mat3 rt = state.handle.pose.matrix().transpose();
   VecX places(3 * nodes());
-  for (const int i : free_) {
+  for (int i = 0; i < nodes(); ++i) {
     places.segment<3>(3 * i) = rt * (state.positions.segment<3>(3 * i) - state.handle.pose.position);
   }
   for (std::size_t k = 0; k < handle_->nodes.size(); ++k) {

@@ -9,6 +9,7 @@
 #include "palpate/math/types.h"
 #include "palpate/mesh/types.h"
 #include "palpate/rigid/handle.h"
+#include "palpate/simulation/attachment.h"
 #include "palpate/simulation/body_state.h"
 
 namespace palpate {
@@ -32,10 +33,20 @@ class BodyModel {
   static BodyModel rigid(std::string name, const Surface& surface, double density, double friction = 0.5,
                          const Vec6& velocity = Vec6::Zero(), double damping_alpha = 0.0);
 
+  /// Lets the device hold a rigid body at its center of mass. Once, before it is added to a world.
+  /// @param own_mass     of the handle, which comes on top of the body's [kg]
+  /// @param own_inertia  of the handle, principal, in its frame; zero: that of a ball that fingers hold [kg m^2]
+  /// @param rotation     of the handle's frame
+  void holdRigid(const std::string& name, double own_mass, const Vec3& own_inertia, const Quat& rotation);
   /// Attaches nodes to a handle that the device will hold. Once, before the body is added to a world; nodes of other
   /// handles' regions stay free.
-  /// @throws InputError if that leaves no node free, or none that is connected to the handle
+  /// @throws InputError if that leaves no node free, or none that is connected to the handle, or if the world holds one
+  ///         of the nodes
   void hold(const Handle& handle);
+  /// Lets the world hold nodes. Before the body is added to a world; a handle's nodes are the handle's, and springs on
+  /// fixed nodes do nothing.
+  /// @throws InputError if an attachment fixes what another one or the handle has, or if no node is left free
+  void attach(Attachment attachment);
 
   const std::string& name() const { return name_; }
   const SimulationMesh& mesh() const { return mesh_; }
@@ -46,12 +57,19 @@ class BodyModel {
   bool held() const { return held_; }                  ///< by the device
   bool framed() const { return handle_.has_value(); }  ///< held or rigid: has a handle frame among its unknowns
   bool isRigid() const { return framed() && free_.empty(); }
-  const Handle& handle() const { return *handle_; }                    ///< of a framed body
-  const std::vector<int>& free() const { return free_; }               ///< free row -> node
-  const std::vector<int>& row() const { return row_; }                 ///< node -> free row, -1 if attached
-  const std::vector<int>& attachedIndex() const { return attached_; }  ///< node -> index in handle().nodes, -1 if free
-  const std::vector<int>& boundaryElements() const { return boundary_; }  ///< touch attached and free nodes
-  double totalMass() const;                                               ///< [kg]
+  const Handle& handle() const { return *handle_; }       ///< of a framed body
+  const std::vector<int>& free() const { return free_; }  ///< free row -> node
+  const std::vector<int>& row() const { return row_; }    ///< node -> free row, -1 if on the handle or fixed
+  /// Node -> index in handle().nodes, -1 if it is not on the handle.
+  const std::vector<int>& attachedIndex() const { return attached_; }
+  bool isFixed(int node) const { return row_[node] < 0 && attached_[node] < 0; }  ///< to the world
+  const std::vector<Attachment>& attachments() const { return attachments_; }
+  const std::vector<int>& fixedElements() const { return fixed_elements_; }  ///< touch fixed nodes
+  const VecX& springStiffness() const { return spring_stiffness_; }          ///< of each node [N/m]; empty: no springs
+  const VecX& springDamping() const { return spring_damping_; }              ///< of each node [N s/m]
+  double springEnergy(const VecX& x) const;                                  ///< [J]
+  const std::vector<int>& boundaryElements() const { return boundary_; }     ///< touch attached and free nodes
+  double totalMass() const;                                                  ///< [kg]
   double friction() const { return friction_; }
   /// Of A_tt; its values are to be overwritten.
   const SymmetricBlockMatrix& pattern() const { return pattern_; }
@@ -65,7 +83,8 @@ class BodyModel {
   double kineticEnergy(const BodyState& state) const;  ///< [J]
 
  private:
-  void attach(const Handle& handle);
+  void attachTo(const Handle& handle);
+  void number();
 
   std::string name_;
   SimulationMesh mesh_;
@@ -75,7 +94,10 @@ class BodyModel {
   bool held_ = false;
   double friction_ = 0;
   Vec6 velocity_;
-  std::vector<int> row_, free_, attached_, boundary_;
+  std::vector<Attachment> attachments_;
+  std::vector<char> fixed_;  // of each node
+  VecX spring_stiffness_, spring_damping_;
+  std::vector<int> row_, free_, attached_, boundary_, fixed_elements_;
   SymmetricBlockMatrix pattern_;
 };
 

@@ -66,6 +66,7 @@ void BodySystem::assemble(const StepInput& input, BodyState& state) {
       fem.assemblePart(i - 1, fem.material().massScale(h), c_, state.elastic, a_, tension_);
     }
   });
+  addSprings(h);
 }
 
 bool BodySystem::prepareFollowing(const VecX& places, const BodyState& state, double step) {
@@ -89,6 +90,17 @@ void BodySystem::assembleMatrix(double step, const ElasticState& elastic) {
   const ElasticMesh& fem = model_->elasticity();
   const double mass_scale = fem.material().massScale(step), c = fem.material().stiffnessScale(step);
   parallelFor(ElasticMesh::kParts, [&](int part) { fem.assemblePart(part, mass_scale, c, elastic, a_); });
+  addSprings(step);
+}
+
+// Springs to the world, implicit: h d + h^2 k on the diagonal.
+void BodySystem::addSprings(double step) {
+  const VecX &stiffness = model_->springStiffness(), &damping = model_->springDamping();
+  if (stiffness.size() == 0) return;
+  for (int r = 0; r < model_->freeNodes(); ++r) {
+    const int i = model_->free()[r];
+    a_.block(a_.column[r]).diagonal().array() += step * (damping[i] + step * stiffness[i]);
+  }
 }
 
 // Rotations and forces, turned to where the path ends.
@@ -153,6 +165,10 @@ void BodySystem::assembleRightSides() {
     const double m = model_->elasticity().mass()[i];
     rhs_.col(columns - 1).segment<3>(3 * r) =
         m * v0_.segment<3>(3 * i) + h * (f_.segment<3>(3 * i) + m * input_.gravity);
+    if (model_->springStiffness().size() > 0) {
+      rhs_.col(columns - 1).segment<3>(3 * r) -=
+          h * model_->springStiffness()[i] * (x0_.segment<3>(3 * i) - model_->mesh().mesh.nodes[i]);
+    }
     if (follows()) {
       rhs_.col(columns - 1).segment<3>(3 * r) -=
           h * model_->elasticity().material().damping_alpha * m * carried_.segment<3>(3 * r);
@@ -226,7 +242,7 @@ void BodySystem::addPull(int element) {
     const int free = row(e.node[i]);
     if (free >= 0) {
       pulled_.middleCols<6>(6 * free) += kg;
-    } else {
+    } else if (model_->attachedIndex()[e.node[i]] >= 0) {
       gkg_.topRows<3>() += kg.topRows<3>();
       gkg_.bottomRows<3>() += skew(arm[i]) * kg.topRows<3>();
     }
@@ -373,15 +389,14 @@ void BodySystem::solveFree() {
     if (follows()) {
       u_free_ = poseDifference(input_.followed.end.pose, start_.pose) / input_.step;
       v_free_ = carried_ + solution_.col(6);
-      v_end_ = v_free_;
-      u_end_ = u_free_;
-      return;
+    } else {
+      u_free_ = s_inverse_ * (b_h_ - a_th_.transpose() * solution_.col(6));
+      v_free_ = solution_.col(6) - x_th_ * u_free_;
     }
-    u_free_ = s_inverse_ * (b_h_ - a_th_.transpose() * solution_.col(6));
-    v_free_ = solution_.col(6) - x_th_ * u_free_;
   }
   v_end_ = v_free_;
   u_end_ = u_free_;
+  on_handle_.setZero();
 }
 
 // Contact impulses on the free nodes, into prediction_, and on the handle; whether there are any.
@@ -389,12 +404,15 @@ bool BodySystem::addImpulses(const std::vector<Contact>& contacts, const Contact
                              const VecX& impulse, Vec6& on_handle) {
   prediction_.setZero(3 * model_->freeNodes(), 1);
   on_handle.setZero();
+  if (!model_->fixedElements().empty()) on_fixed_.setZero(3 * model_->nodes());
   for (const int i : own.contacts) {
     const Vec3 world = contacts[i].frame().transpose() * impulse.segment<3>(3 * i);
     forEachNode(contacts[i], self, [&](int node, double weight) {
       const Vec3 share = weight * world;
       if (row(node) >= 0) {
         prediction_.block<3, 1>(3 * row(node), 0) += share;
+      } else if (model_->isFixed(node)) {
+        on_fixed_.segment<3>(3 * node) += share;
       } else {
         on_handle += jacobian(node).transpose() * share;
       }
@@ -437,7 +455,7 @@ void BodySystem::addColumns(const Contact& c, int self, Eigen::Index column, Bod
     if (row(node) >= 0) {
       columns_.add(row(node), turned_ ? Mat3(turn_.transpose() * block) : block);
       if (model_->framed()) rows.z.middleCols<3>(column) -= x_th_.middleRows<3>(3 * row(node)).transpose() * block;
-    } else {
+    } else if (!model_->isFixed(node)) {
       rows.handle.middleCols<3>(column) += jacobian(node).transpose() * block;
     }
   });
@@ -589,10 +607,9 @@ void BodySystem::addFreeRowVelocity(const std::vector<Contact>& contacts, const 
 
 void BodySystem::applyImpulse(const std::vector<Contact>& contacts, const BodyContactRows& rows, int self,
                               const VecX& lambda) {
-  Vec6 on_handle;
   v_end_ = v_free_;
   u_end_ = u_free_;
-  if (!addImpulses(contacts, rows, self, lambda, on_handle)) return;
+  if (!addImpulses(contacts, rows, self, lambda, on_handle_)) return;
   if (!model_->free().empty() && nodes_last_) {
     on_trailing_.resize(static_cast<Eigen::Index>(3 * last_nodes_.size()));
     for (std::size_t k = 0; k < last_nodes_.size(); ++k) {
@@ -626,6 +643,15 @@ Vec3 BodySystem::pointVelocity(const ContactPoint& point) const {
   Vec3 v;
   nodeVelocity(point, v_end_, u_end_, v);
   return v;
+}
+
+bool BodySystem::canMove(const ContactPoint& point) const {
+  constexpr double kLeast = 1e-6;  // of its weight: what moves it by less is rounding of where it is embedded
+  double movable = 0;
+  for (int k = 0; k < point.count; ++k) {
+    if (!model_->isFixed(point.node[k])) movable += std::abs(point.weight[k]);
+  }
+  return movable > kLeast;
 }
 
 // G of a point on the handle: the weighted sum of its attached nodes'.
@@ -673,6 +699,10 @@ void BodySystem::endPositions(VecX& x) const {
   for (int r = 0; r < model_->freeNodes(); ++r) {
     x.segment<3>(3 * model_->free()[r]) = x0_.segment<3>(3 * model_->free()[r]) + h * v_end_.segment<3>(3 * r);
   }
+  for (const Attachment& attachment : model_->attachments()) {
+    if (!attachment.fixed()) continue;
+    for (const int n : attachment.nodes) x.segment<3>(3 * n) = x0_.segment<3>(3 * n);
+  }
   if (model_->framed()) {
     const Pose end = palpate::advance(start_.pose, h * u_end_);
     for (std::size_t k = 0; k < handle().nodes.size(); ++k) {
@@ -690,6 +720,48 @@ Vec3 BodySystem::arcOffset(const ContactPoint& point, const VecX& x_end) const {
     offset += point.weight[k] * (x_end.segment<3>(3 * node) - x0_.segment<3>(3 * node) - straight);
   }
   return offset;
+}
+
+// From the step's own equations, so that momentum adds up to rounding: for a fixed node
+//     0 = h (f + m g + r) - c sum K v - h alpha m 0 + contact impulse
+std::vector<AttachmentForce> BodySystem::attachmentForces() const {
+  const double h = input_.step;
+  const ElasticMesh& fem = model_->elasticity();
+  VecX on_node = VecX::Zero(3 * model_->nodes());
+  for (const int index : model_->fixedElements()) {
+    const ElasticElement& e = fem.elements()[index];
+    const auto c = e.rotatedGradients(state_->elastic.rotations[index]);
+    for (int i = 0; i < 4; ++i) {
+      if (!model_->isFixed(e.node[i])) continue;
+      for (int j = 0; j < 4; ++j) {
+        on_node.segment<3>(3 * e.node[i]) +=
+            c_ / h * state_->elastic.stiffness_scale * (e.stiffness(c, i, j) * nodeEndVelocity(e.node[j]));
+      }
+    }
+  }
+  std::vector<AttachmentForce> out;
+  for (const Attachment& attachment : model_->attachments()) {
+    AttachmentForce sum;
+    Vec3 middle = Vec3::Zero();
+    for (const int n : attachment.nodes) middle += model_->mesh().mesh.nodes[n];
+    middle /= static_cast<double>(attachment.nodes.size());
+    for (std::size_t k = 0; k < attachment.nodes.size(); ++k) {
+      const int n = attachment.nodes[k];
+      Vec3 force = Vec3::Zero();
+      if (attachment.fixed()) {
+        force = on_node.segment<3>(3 * n) - f_.segment<3>(3 * n) - fem.mass()[n] * input_.gravity;
+        if (on_fixed_.size() > 0) force -= on_fixed_.segment<3>(3 * n) / h;
+      } else if (row(n) >= 0) {
+        const auto at = static_cast<Eigen::Index>(k);
+        const Vec3 v = nodeEndVelocity(n), way = x0_.segment<3>(3 * n) + h * v - model_->mesh().mesh.nodes[n];
+        force = -attachment.stiffness[at] * way - attachment.damping[at] * v;
+      }
+      sum.force += force;
+      sum.moment += (x0_.segment<3>(3 * n) - middle).cross(force);
+    }
+    out.push_back(sum);
+  }
+  return out;
 }
 
 double BodySystem::correctionEnergy(double elastic) {
@@ -718,6 +790,7 @@ Vec6 BodySystem::wrenchOnHandle(const BodyState& end) const {
     wrench.tail<3>() += (end.handle.pose.rotation * handle().offsets[k]).cross(force);
   }
   if (!follows()) return wrench;
+  wrench += on_handle_ / input_.step;
   return wrench - model_->elasticity().material().damping_beta / c_ * (a_th_.transpose() * (v_end_ - carried_));
 }
 

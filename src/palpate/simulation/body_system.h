@@ -124,10 +124,12 @@ class BodySystem {
   Vec3 pointVelocity(const ContactPoint& point) const;
   Mat3 pointInverseMass(const ContactPoint& point) const;
   void pushPoint(const ContactPoint& point, const Vec3& impulse);
-  /// Of a node, attached or free [m/s]; setting is for free ones.
+  /// Of any node [m/s]; setting is for free ones.
   Vec3 nodeEndVelocity(int node) const {
     return row(node) >= 0 ? Vec3(v_end_.segment<3>(3 * row(node))) : Vec3(jacobian(node) * u_end_);
   }
+  /// Whether a point of this body can move at all: not all of its nodes are fixed to the world.
+  bool canMove(const ContactPoint& point) const;
   void setNodeEndVelocity(int node, const Vec3& v) { v_end_.segment<3>(3 * row(node)) = v; }
   void stopHandle() { u_end_.setZero(); }
   /// Stops all motion.
@@ -144,14 +146,18 @@ class BodySystem {
   /// Elastic energy of a state [J]. Where the next step starts from the same state, it needs no rotations and forces of
   /// its own any more.
   double elasticEnergy(const BodyState& state) {
-    return model_->elasticity().energyAt(state.positions, state.elastic, ahead_);
+    return model_->elasticity().energyAt(state.positions, state.elastic, ahead_) +
+           model_->springEnergy(state.positions);
   }
   /// What the corrections that come with a path bring at the start of the step, kinetic and elastic [J].
   /// @param elastic  energy that the body had before them [J]
   double correctionEnergy(double elastic);
-  /// Wrench of the tool on a handle that follows a path, elastic and damping, at the end of the step [N; N m], about
-  /// its origin, world; from the forces that elasticEnergy() found there.
+  /// Wrench of the tool on a handle that follows a path, elastic and damping, at the end of the step, and of contact on
+  /// the handle itself [N; N m], about its origin, world; from the forces that elasticEnergy() found there.
   Vec6 wrenchOnHandle(const BodyState& end) const;
+  /// What each attachment did to the body in the step that was just taken: with gravity, link and contact impulses it
+  /// makes up the change of the body's momentum. In the order of the model's attachments.
+  std::vector<AttachmentForce> attachmentForces() const;
   /// The state was set from outside: nothing found ahead of the next step holds.
   void forget() {
     ahead_.clear();
@@ -181,8 +187,10 @@ class BodySystem {
  private:
   int row(int node) const { return model_->row()[node]; }
   const Handle& handle() const { return model_->handle(); }
-  /// G_i at the start pose of an attached node.
+  /// G_i at the start pose of a node on the handle.
+  /// Of a fixed node: zero.
   Eigen::Matrix<double, 3, 6> jacobian(int node) const {
+    if (model_->isFixed(node)) return Eigen::Matrix<double, 3, 6>::Zero();
     return handle().jacobian(model_->attachedIndex()[node], start_.pose);
   }
   /// Where the attached nodes are in the positions that A is of.
@@ -191,6 +199,7 @@ class BodySystem {
   void moveRigidly();
   void takePrepared();
   void assembleMatrix(double step, const ElasticState& elastic);
+  void addSprings(double step);
   void solve(MatX& columns);
   void solveTurned(MatX& columns);
   void assembleRightSides();
@@ -240,6 +249,8 @@ class BodySystem {
   Mat6 gkg_ = Mat6::Zero(), a_hh_ = Mat6::Zero(), s_inverse_ = Mat6::Zero(), mass0_ = Mat6::Zero();
   Vec6 b_h_ = Vec6::Zero();
   VecX v_free_, v_end_, impulse_response_, on_trailing_;
+  Vec6 on_handle_ = Vec6::Zero();  // contact impulses on the handle, of the last applyImpulse() [N s; N m s]
+  VecX on_fixed_;                  // contact impulses on fixed nodes, 3 a node; empty: none are fixed [N s]
   Vec6 u_free_ = Vec6::Zero(), u_end_ = Vec6::Zero();
 };
 

@@ -103,6 +103,7 @@ void ContactStage::propose(const MovingBodies& bodies, const ContactInput& input
     for (const Contact& c : memory.near) input.surfaces.follow(c, input.settings, input.friction, candidates_);
   }
   followLoaded(bodies, input, memory);
+  dropImmovable(bodies);
   correctForTurning(bodies, kLargestArc * input.settings.thickness);
   set_.candidates = static_cast<int>(candidates_.size());
 }
@@ -136,6 +137,7 @@ bool ContactStage::search(const MovingBodies& bodies, const ContactInput& input,
     findOnSurfaces(input, input.share > 0 ? work.left() : std::numeric_limits<double>::infinity());
     if (input.surfaces.gaveUp()) return false;
   }
+  dropImmovable(bodies);
   correctForTurning(bodies, kLargestArc * input.settings.thickness);
   return true;
 }
@@ -154,6 +156,18 @@ void ContactStage::correctForTurning(const MovingBodies& bodies, double bound) {
     };
     c.gap += offset(c.first) - offset(c.second);
   }
+}
+
+// What no impulse can move has nothing to solve: where nodes that are fixed to the world lie in an obstacle.
+void ContactStage::dropImmovable(const MovingBodies& bodies) {
+  bool fixed = false;
+  for (int b = 0; b < bodies.size(); ++b) fixed |= !bodies[b].model().fixedElements().empty();
+  if (!fixed) return;
+  const auto moves = [&](const ContactPoint& point) {
+    const int b = bodies.slot(point);
+    return b >= 0 && bodies[b].canMove(point);
+  };
+  std::erase_if(candidates_, [&](const Contact& c) { return !moves(c.first) && !moves(c.second); });
 }
 
 void ContactStage::choose(const MovingBodies& bodies, const ContactSettings& settings, const ContactMemory& memory) {

@@ -49,6 +49,7 @@ class ContactStage {
   void findOnSurfaces(const ContactInput& input, double allowed);
   bool search(const MovingBodies& bodies, const ContactInput& input, const WorkShare& work);
   void correctForTurning(const MovingBodies& bodies, double bound);
+  void dropImmovable(const MovingBodies& bodies);
   // choosing
   void choose(const MovingBodies& bodies, const ContactSettings& settings, const ContactMemory& memory);
   bool addViolated();

@@ -57,6 +57,11 @@ void ImpactZones::apply(const MovingBodies& bodies) const {
       momentum += m * v;
       mass += m;
       if (bodies[b].model().row()[node] >= 0) continue;
+      if (bodies[b].model().isFixed(node)) {
+        held.setZero();
+        attached = 1;
+        break;
+      }
       held += v;
       ++attached;
     }
@@ -67,7 +72,7 @@ void ImpactZones::apply(const MovingBodies& bodies) const {
       const auto [b, node] = nodes_[i];
       if (bodies[b].model().row()[node] >= 0) {
         bodies[b].setNodeEndVelocity(node, velocity);
-      } else if (fixed_[zone] != 0) {
+      } else if (fixed_[zone] != 0 && !bodies[b].model().isFixed(node)) {
         bodies[b].stopHandle();
       }
     }

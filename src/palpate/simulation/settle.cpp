@@ -150,7 +150,7 @@ std::string World::unrest(int i, const VecX& before) const {
 double World::settle(const std::vector<int>& moving, Pose device, const SettleProgress& progress) {
   double longest = kLongestStep, edge = std::numeric_limits<double>::infinity();
   for (const int i : moving) {
-    if (!models_[i]->held()) longest = kLongestFreeStep;
+    if (!models_[i]->held() && models_[i]->attachments().empty()) longest = kLongestFreeStep;
     edge = std::min(edge, models_[i]->contactFinder().edgeLength());
   }
   meter_.start({});

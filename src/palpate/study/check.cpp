@@ -88,8 +88,11 @@ class SlowBody {
     for (std::size_t e = 0; e < stiffness_.size(); ++e) addElement(e, pose, entries, frame);
     for (int i = 0; i < body_.model.nodes(); ++i) {
       if (body_.model.row()[i] < 0) continue;
-      addBlock(entries, 3 * body_.model.row()[i], 3 * body_.model.row()[i],
-               Mat3((1 + h * material.damping_alpha) * body_.model.elasticity().mass()[i] * Mat3::Identity()));
+      double diagonal = (1 + h * material.damping_alpha) * body_.model.elasticity().mass()[i];
+      if (body_.model.springStiffness().size() > 0) {
+        diagonal += h * body_.model.springDamping()[i] + h * h * body_.model.springStiffness()[i];
+      }
+      addBlock(entries, 3 * body_.model.row()[i], 3 * body_.model.row()[i], Mat3(diagonal * Mat3::Identity()));
     }
     if (body_.model.framed()) {
       addFrame(pose, frame);
@@ -114,7 +117,12 @@ class SlowBody {
       if (body_.model.row()[i] >= 0) {
         b.segment<3>(3 * body_.model.row()[i]) =
             m * body_.system.startVelocities().segment<3>(3 * i) + h * (f.segment<3>(3 * i) + m * in.gravity);
-      } else {  // with the weight's lever arms, node by node
+        if (body_.model.springStiffness().size() > 0) {
+          b.segment<3>(3 * body_.model.row()[i]) -=
+              h * body_.model.springStiffness()[i] *
+              (body_.system.startPositions().segment<3>(3 * i) - body_.model.mesh().mesh.nodes[i]);
+        }
+      } else if (!body_.model.isFixed(i)) {  // with the weight's lever arms, node by node
         const Vec3 force = f.segment<3>(3 * i) + m * in.gravity;
         wrench.head<3>() += force;
         wrench.tail<3>() += (pose.rotation * body_.model.handle().offsets[body_.model.attachedIndex()[i]]).cross(force);
@@ -145,6 +153,7 @@ class SlowBody {
         if (point->body != self) continue;
         for (int k = 0; k < point->count; ++k) {
           const int row = body_.model.row()[point->node[k]];
+          if (body_.model.isFixed(point->node[k])) continue;
           const MatX block = row >= 0 ? MatX(Mat3::Identity()) : MatX(jacobian(point->node[k], pose));
           j.block(static_cast<Eigen::Index>(3 * i), row >= 0 ? 3 * row : frameColumn(), 3, block.cols()) +=
               sign * point->weight[k] * c.frame() * block;
@@ -164,7 +173,12 @@ class SlowBody {
       Vec12 velocity;
       for (int k = 0; k < 4; ++k) {
         const int row = body_.model.row()[node[k]];
-        velocity.segment<3>(3 * k) = row >= 0 ? Vec3(v.segment<3>(3 * row)) : Vec3(jacobian(node[k], system_pose_) * u);
+        velocity.segment<3>(3 * k).setZero();
+        if (row >= 0) {
+          velocity.segment<3>(3 * k) = v.segment<3>(3 * row);
+        } else if (!body_.model.isFixed(node[k])) {
+          velocity.segment<3>(3 * k) = jacobian(node[k], system_pose_) * u;
+        }
       }
       const Vec12 force = -time * (rotatedStiffness(e) * velocity);
       for (int k = 0; k < 4; ++k) end.segment<3>(3 * node[k]) += force.segment<3>(3 * k);
@@ -208,6 +222,7 @@ class SlowBody {
       for (int j = 0; j < 4; ++j) {
         const int ri = body_.model.row()[node[i]];
         const int rj = body_.model.row()[node[j]];
+        if (body_.model.isFixed(node[i]) || body_.model.isFixed(node[j])) continue;
         const Mat3 block = k.block<3, 3>(3 * i, 3 * j);
         if (ri >= 0 && rj >= 0) {
           addBlock(entries, 3 * ri, 3 * rj, block);

@@ -1,0 +1,252 @@
+// Bodies that the world holds, by fixed nodes and by springs: theory, balance of forces, momentum, energy.
+#include <gtest/gtest.h>
+
+#include <array>
+#include <cmath>
+#include <random>
+
+#include "palpate/common/error.h"
+#include "shared/held_scenes.h"
+
+namespace palpate {
+namespace {
+
+using namespace test;
+
+constexpr double kGravity = 9.81;
+
+template <class Region>
+Attachment fixed(const BodyModel& body, const Region& region, const std::string& name = "wall") {
+  Attachment out;
+  out.name = name;
+  out.nodes = nodesWhere(body.mesh().mesh.nodes, region);
+  return out;
+}
+
+/// Springs of the given stiffness in all, shared evenly.
+template <class Region>
+Attachment springs(const BodyModel& body, const Region& region, double stiffness, double damping = 0) {
+  Attachment out = fixed(body, region, "ligament");
+  const auto n = static_cast<Eigen::Index>(out.nodes.size());
+  out.stiffness = VecX::Constant(n, stiffness / static_cast<double>(n));
+  out.damping = VecX::Constant(n, damping / static_cast<double>(n));
+  return out;
+}
+
+Material material(double youngs_modulus) {
+  Material m;
+  m.youngs_modulus = youngs_modulus;
+  m.poisson_ratio = 0.0;
+  m.density = 1000;
+  return m;
+}
+
+/// A world with one body, which starts at rest in its rest shape.
+World alone(BodyModel body) {
+  World world;
+  world.gravity = {0, 0, -kGravity};
+  world.add(std::move(body));
+  return world;
+}
+
+Vec3 weightOf(const Body& body) { return {0, 0, -kGravity * body.model.totalMass()}; }
+
+double meanHeight(const Body& body, const std::vector<int>& nodes) {
+  double sum = 0;
+  for (const int n : nodes) sum += body.state.positions[3 * n + 2] - body.model.mesh().mesh.nodes[n].z();
+  return sum / static_cast<double>(nodes.size());
+}
+
+TEST(Attachment, AHangingBarIsLongerByHalfItsWeight) {
+  const Vec3 size(0.02, 0.02, 0.16);
+  const double e = 1e5;
+  BodyModel body("bar", barMesh(size, {2, 2, 16}), material(e));
+  body.attach(fixed(body, [&](const Vec3& x) { return x.z() > size.z() - 1e-9; }));
+  World world = alone(std::move(body));
+  world.settle({0}, {});
+  const double sag = -meanHeight(world.body(0), nodesWhere(world.body(0).model.mesh().mesh.nodes, onBottom));
+  EXPECT_NEAR(sag, 1000 * kGravity * size.z() * size.z() / (2 * e), 0.01 * sag);
+}
+
+/// Deflection of the nodes near x under the bar's own weight; second order in the cells' size, so two sizes tell where
+/// they lead.
+template <class Region>
+double deflection(const Vec3& size, double e, double x, const Region& held) {
+  std::array<double, 2> found{};
+  for (int fine = 0; fine < 2; ++fine) {
+    const int n = fine == 0 ? 3 : 6;
+    BodyModel body("bar", barMesh(size, {10 * n, n, n}), material(e));
+    body.attach(fixed(body, held));
+    World world = alone(std::move(body));
+    world.settle({0}, {});
+    const auto nodes =
+        nodesWhere(world.body(0).model.mesh().mesh.nodes, [&](const Vec3& p) { return std::abs(p.x() - x) < 1e-9; });
+    found[static_cast<std::size_t>(fine)] = -meanHeight(world.body(0), nodes);
+  }
+  return found[1] + (found[1] - found[0]) / 3;
+}
+
+// Timoshenko's beam: q L^4 / (8 E I) + q L^2 / (2 k G A), and q L^4 / (384 E I) + q L^2 / (8 k G A) between two walls.
+TEST(Attachment, BeamsBendAsInTheory) {
+  const Vec3 size(0.2, 0.02, 0.02);
+  const double area = size.y() * size.z(), inertia = area * size.z() * size.z() / 12, length = size.x();
+  const double q = 1000 * kGravity * area, shape = 5.0 / 6.0;
+  {
+    const double e = 3e7;
+    const double theory = q * std::pow(length, 4) / (8 * e * inertia) + q * length * length / (shape * e * area);
+    EXPECT_NEAR(deflection(size, e, length, [](const Vec3& x) { return x.x() < 1e-9; }), theory, 0.03 * theory);
+  }
+  const double e = 3e6;
+  const double theory = q * std::pow(length, 4) / (384 * e * inertia) + q * length * length / (4 * shape * e * area);
+  const auto ends = [&](const Vec3& x) { return x.x() < 1e-9 || x.x() > length - 1e-9; };
+  EXPECT_NEAR(deflection(size, e, 0.5 * length, ends), theory, 0.05 * theory);
+}
+
+TEST(Attachment, CarriesTheWeight) {
+  BodyModel body = bar({6, 4, 3}, material(2e4));
+  body.attach(fixed(body, [](const Vec3& x) { return x.x() < 1e-9; }));
+  body.attach(springs(
+      body, [](const Vec3& x) { return x.x() > kBarSize.x() - 1e-9; }, 30.0));
+  World world = alone(std::move(body));
+  world.settle({0}, {});
+  // settled to where a step of rest moves it no more
+  ASSERT_EQ(world.step({}, 0.033).status, StepStatus::ok);
+  const Body b = world.body(0);
+  const auto forces = b.system.attachmentForces();
+  const Vec3 weight = weightOf(b);
+  EXPECT_LT((forces[0].force + forces[1].force + weight).norm(), 1e-5 * weight.norm());
+  EXPECT_GT(forces[1].force.z(), 0.01 * weight.norm());
+  Vec3 moment = Vec3::Zero();
+  for (int i = 0; i < b.model.nodes(); ++i) {
+    const Vec3 x = b.state.positions.segment<3>(3 * i);
+    moment += x.cross(Vec3(0, 0, -kGravity * b.model.elasticity().mass()[i]));
+  }
+  for (std::size_t k = 0; k < 2; ++k) {
+    Vec3 middle = Vec3::Zero();
+    for (const int n : b.model.attachments()[k].nodes) middle += b.model.mesh().mesh.nodes[n];
+    middle /= static_cast<double>(b.model.attachments()[k].nodes.size());
+    moment += forces[k].moment + middle.cross(forces[k].force);
+  }
+  EXPECT_LT(moment.norm(), 1e-5 * weight.norm() * kBarSize.norm());
+}
+
+// In motion, with contact: what attachments, weight and ground give is what the momentum changes by.
+TEST(Attachment, MomentumAddsUp) {
+  Material m = material(2e4);
+  m.poisson_ratio = 0.4;
+  BodyModel body = bar({6, 4, 3}, m);
+  body.attach(fixed(body, [](const Vec3& x) { return x.x() < 1e-9; }));
+  body.attach(springs(body, onTop, 50.0, 0.5));
+  World world = alone(std::move(body));
+  world.obstacles.push_back(ground());
+  BodyState state = world.body(0).state;
+  std::mt19937 random(3);
+  std::normal_distribution<double> normal(0.0, 0.1);
+  for (const int i : world.body(0).model.free()) {
+    for (int k = 0; k < 3; ++k) state.velocities[3 * i + k] = normal(random);
+  }
+  world.setBody(0, state);
+  bool touched = false;
+  for (int n = 0; n < 30; ++n) {
+    const Vec3 before = momentum(world.body(0));
+    const double h = 0.004;
+    const StepReport report = world.step({}, h);
+    if (report.redone > 0 || report.motion_share < 1) continue;
+    Vec3 impulse = h * weightOf(world.body(0));
+    for (const AttachmentForce& f : world.body(0).system.attachmentForces()) impulse += h * f.force;
+    const ContactSet& set = world.contacts();
+    for (std::size_t i = 0; i < set.contacts.size(); ++i) {
+      impulse += set.contacts[i].frame().transpose() * set.impulse.segment<3>(static_cast<Eigen::Index>(3 * i));
+    }
+    touched |= report.active > 0;
+    EXPECT_LT((momentum(world.body(0)) - before - impulse).norm(), 1e-12 + 1e-9 * impulse.norm()) << "step " << n;
+  }
+  EXPECT_TRUE(touched);
+}
+
+TEST(Attachment, FixedNodesStayAndEnergyFalls) {
+  BodyModel body = bar({4, 3, 2}, material(5e3));
+  body.attach(fixed(body, [](const Vec3& x) { return x.x() < 1e-9; }));
+  const std::vector<int> held = body.attachments()[0].nodes;
+  World world = alone(std::move(body));
+  world.gravity.setZero();
+  BodyState state = world.body(0).state;
+  for (const int i : world.body(0).model.free()) state.velocities[3 * i + 2] = 0.3 * state.positions[3 * i];
+  world.setBody(0, state);
+  double energy = 1e300;
+  for (int n = 0; n < 60; ++n) {
+    const StepReport report = world.step({}, 0.033);
+    ASSERT_EQ(report.status, StepStatus::ok);
+    EXPECT_LE(report.kinetic_energy + report.elastic_energy, energy * (1 + 1e-9));
+    energy = report.kinetic_energy + report.elastic_energy;
+    for (const int i : held) {
+      ASSERT_TRUE(world.body(0).state.positions.segment<3>(3 * i) == world.body(0).model.mesh().mesh.nodes[i]);
+    }
+  }
+}
+
+// A stiff body on springs: it sinks by m g / K, and is down half a period after it is let go.
+TEST(Attachment, SpringsHaveTheirStiffnessAndPeriod) {
+  Material m = material(1e7);
+  m.damping_beta = 0;
+  BodyModel body = bar({3, 2, 2}, m);
+  const double stiffness = 240;
+  body.attach(springs(body, onTop, stiffness));
+  World world = alone(std::move(body));
+  const double mass = world.body(0).model.totalMass(), h = 2e-4;
+  int down = 0;
+  for (; down < 1000; ++down) {
+    ASSERT_EQ(world.step({}, h).status, StepStatus::ok);
+    if (momentum(world.body(0)).z() > 0) break;
+  }
+  EXPECT_NEAR(down * h, std::acos(-1.0) * std::sqrt(mass / stiffness), 0.02 * down * h);
+  world.settle({0}, {});
+  const std::vector<int> top = world.body(0).model.attachments()[0].nodes;
+  EXPECT_NEAR(-meanHeight(world.body(0), top), mass * kGravity / stiffness, 1e-4 * mass * kGravity / stiffness);
+}
+
+// Fixed nodes that lie in the ground have nothing to solve; the others come to rest beside them.
+TEST(Attachment, FixedNodesMayLieInTheGround) {
+  BodyModel body = bar({6, 4, 3}, material(2e4));
+  body.attach(fixed(body, [](const Vec3& x) { return x.z() < 1e-9 && x.x() < 0.5 * kBarSize.x(); }));
+  World world = alone(std::move(body));
+  world.obstacles.push_back({PlaneShape{{0, 0, 0.002}, Vec3::UnitZ()}, 0.5, "ground"});
+  StepReport report;
+  for (int n = 0; n < 60; ++n) {
+    report = world.step({}, 0.033);
+    ASSERT_EQ(report.status, StepStatus::ok);
+  }
+  EXPECT_LT(report.kinetic_energy, 1e-9);
+}
+
+TEST(Attachment, AToolMayBeHeldByTheWorldToo) {
+  BodyModel body = bar({6, 4, 3}, material(2e4));
+  body.attach(fixed(body, onBottom));
+  holdNodes(body, onTop, kPlainHandle);
+  World world = alone(std::move(body));
+  world.link = {500, 1, 1, 1e-3};
+  const Pose start = world.tool().state.handle.pose;
+  world.settle({0}, start);
+  Pose lifted = start;
+  lifted.position.z() += 0.005;
+  for (int n = 0; n < 60; ++n) ASSERT_EQ(world.step({lifted, Vec6::Zero()}, 0.033).status, StepStatus::ok);
+  const Body tool = world.tool();
+  const Vec6 link =
+      linkWrenchOnDevice(world.link, tool.state.handle.pose, tool.state.handle.twist, lifted, Vec6::Zero());
+  const auto forces = tool.system.attachmentForces();
+  EXPECT_LT((forces[0].force - link.head<3>() + weightOf(tool)).norm(), 1e-4);
+  EXPECT_LT(forces[0].force.z(), -0.1);  // it pulls down
+}
+
+TEST(Attachment, RefusesWhatCannotBe) {
+  BodyModel body = bar({2, 2, 2}, material(2e4));
+  body.attach(fixed(body, onBottom));
+  EXPECT_THROW(body.attach(fixed(body, onBottom, "again")), InputError);
+  EXPECT_THROW(holdNodes(body, onBottom, kPlainHandle), InputError);
+  EXPECT_THROW(body.attach(fixed(
+                   body, [](const Vec3& x) { return x.z() > 1e-9; }, "rest")),
+               InputError);
+}
+
+}  // namespace
+}  // namespace palpate
