@@ -140,6 +140,13 @@ rejected_variants("bad-attachment", {
     "zero-stiffness": attached_scene(f"{{root: {{{LOWER}, stiffness: 0}}}}", "attachments.root.stiffness"),
     "negative-damping": attached_scene(f"{{root: {{{LOWER}, stiffness: 1, damping: -1}}}}", "damping"),
     "damping-alone": attached_scene(f"{{root: {{{LOWER}, damping: 1}}}}", "damping", "stiffness"),
+    "motion-without-keyframes": attached_scene(f"{{root: {{{LOWER}, motion: {{}}}}}}", "motion", "keyframes"),
+    "motion-from-elsewhere": attached_scene(f"{{root: {{{LOWER}, motion: {{keyframes: [{{t: 0, position: [0, 0, 1]}}]}}}}}}",
+                                            "motion", "first keyframe"),
+    "motion-that-jumps": attached_scene(
+        f"{{root: {{{LOWER}, motion: {{period: 2, keyframes: [{{t: 0}}, {{t: 1, position: [0, 0, 1]}}]}}}}}}", "motion", "jumps"),
+    "motion-longer-than-its-period": attached_scene(
+        f"{{root: {{{LOWER}, motion: {{period: 1, keyframes: [{{t: 0}}, {{t: 2}}]}}}}}}", "motion", "period"),
     "no-node": attached_scene("{root: {region: {sphere: {center: [0, 0, 5], radius: 0.1}}}}", "root", "no node", "0.08"),
     "no-surface": attached_scene("{root: {region: {sphere: {center: [0, 0, 0.04], radius: 0.01}}, stiffness: 1}}",
                                  "root", "no part"),

@@ -127,7 +127,7 @@ TEST(SceneReader, ReadsTheTool) {
 TEST(SceneReader, ReadsAttachments) {
   const std::string text = R"(  attachments:
     root: {region: {sphere: {center: [0, 0, 0], radius: 0.02}}}
-    ligament: {region: {halfspace: {point: [0, 0, 0.05], normal: [0, 0, -1]}}, stiffness: 1.0e5, damping: 30}
+    ligament: {region: {halfspace: {point: [0, 0, 0.05], normal: [0, 0, -1]}}, stiffness: 1.0e5, damping: 30, motion: {keyframes: [{t: 0}, {t: 1, position: [0, 0, 0.01]}, {t: 2}], smooth: false, period: 2.5}}
   handles:)";
   const SceneConfig scene = read(replaced(kSmallScene, "  handles:", text));
   ASSERT_EQ(scene.tool.attachments.size(), 2U);
@@ -135,6 +135,11 @@ TEST(SceneReader, ReadsAttachments) {
   EXPECT_FALSE(scene.tool.attachments[0].stiffness);
   EXPECT_EQ(scene.tool.attachments[1].stiffness, 1e5);
   EXPECT_EQ(scene.tool.attachments[1].damping, 30.0);
+  EXPECT_EQ(scene.tool.attachments[1].period, 2.5);
+  ASSERT_EQ(scene.tool.attachments[1].motion.keyframes.size(), 3U);
+  EXPECT_EQ(scene.tool.attachments[1].motion.keyframes[1].position.z(), 0.01);
+  EXPECT_FALSE(scene.tool.attachments[1].motion.smooth);
+  EXPECT_TRUE(scene.tool.attachments[0].motion.keyframes.empty());
   EXPECT_EQ(scene.method, MethodName::hsl);  // live is for tools that nothing but the hand holds
   EXPECT_EQ(read(kSmallScene).method, MethodName::live);
 }

@@ -219,6 +219,57 @@ TEST(Attachment, FixedNodesMayLieInTheGround) {
   EXPECT_LT(report.kinetic_energy, 1e-9);
 }
 
+// Fixed nodes on their path to rounding, momentum as at rest, and energy explained by what the driven end did.
+TEST(Attachment, IsDriven) {
+  for (const bool by_springs : {false, true}) {
+    Material m = material(2e4);
+    m.poisson_ratio = 0.4;
+    BodyModel body = bar({6, 4, 3}, m);
+    const auto end = [](const Vec3& x) { return x.x() < 1e-9; };
+    Attachment wall = by_springs ? springs(body, end, 200.0, 0.2) : fixed(body, end);
+    wall.motion = [](double t) {
+      return Pose{Vec3(0, 0.01 * std::sin(9 * t), 0.01 * (1 - std::cos(6 * t))),
+                  expRotation({0.3 * std::sin(5 * t), 0, 0})};
+    };
+    body.attach(wall);
+    World world = alone(std::move(body));
+    StepReport report;
+    const double h = 0.01;
+    for (int n = 0; n < 100; ++n) {
+      const Body b = world.body(0);
+      const Vec3 before = momentum(b);
+      report = world.step({}, h);
+      ASSERT_EQ(report.status, StepStatus::ok);
+      ASSERT_EQ(report.redone, 0);
+      EXPECT_LT(report.energy_made, 1e-9);
+      const VecX anchors = b.model.anchors(world.state().time);
+      if (!by_springs) {
+        for (const int i : b.model.attachments()[0].nodes) {
+          ASSERT_TRUE(b.state.positions.segment<3>(3 * i) == anchors.segment<3>(3 * i));
+        }
+      }
+      const Vec3 impulse = h * (weightOf(b) + b.system.attachmentForces()[0].force);
+      EXPECT_LT((momentum(b) - before - impulse).norm(), 1e-12 + 1e-9 * impulse.norm()) << "step " << n;
+    }
+    EXPECT_NEAR(world.state().time, 1.0, 1e-12);
+  }
+}
+
+// A body that is carried along evenly, by its lower side, comes to move with it as a whole: no drag but that of alpha.
+TEST(Attachment, CarriesABodyAlong) {
+  BodyModel body = bar({4, 3, 2}, material(2e4));
+  Attachment wall = fixed(body, onBottom);
+  wall.motion = [](double t) { return Pose{Vec3(0.1 * t, 0, 0), Quat::Identity()}; };
+  body.attach(wall);
+  World world = alone(std::move(body));
+  for (int n = 0; n < 120; ++n) ASSERT_EQ(world.step({}, 0.033).status, StepStatus::ok);
+  const Body b = world.body(0);
+  for (int i = 0; i < b.model.nodes(); ++i) {
+    EXPECT_LT((b.state.velocities.segment<3>(3 * i) - Vec3(0.1, 0, 0)).norm(), 1e-4);
+  }
+  EXPECT_LT((b.system.attachmentForces()[0].force + weightOf(b)).norm(), 1e-3 * weightOf(b).norm());
+}
+
 TEST(Attachment, AToolMayBeHeldByTheWorldToo) {
   BodyModel body = bar({6, 4, 3}, material(2e4));
   body.attach(fixed(body, onBottom));

@@ -118,10 +118,21 @@ VecX areaInRegion(const SimulationMesh& rest, const RegionConfig& region) {
   return area;
 }
 
+Path buildPath(const HandConfig& hand) {
+  std::vector<PathKey> keys;
+  for (const KeyframeConfig& k : hand.keyframes) keys.push_back({k.time, k.position, k.rotation});
+  return Path(std::move(keys), hand.smooth ? Interpolation::smooth : Interpolation::linear);
+}
+
 Attachment buildAttachment(const AttachmentConfig& config, const BodyConfig& body, const SimulationMesh& rest) {
   const RegionConfig region = resolvedRegion(config.region, body.shape);
   Attachment out;
   out.name = config.name;
+  if (!config.motion.keyframes.empty()) {
+    out.motion = [path = buildPath(config.motion), period = config.period](double time) {
+      return path.at(period > 0 ? std::fmod(std::max(time, 0.0), period) : time, Pose{}).pose;
+    };
+  }
   const auto fail = [&](const char* what) {
     const Bounds box = boundsOf(rest.surface.vertices);
     const auto text = [](const Vec3& v) { return fmt::format("({:.3g}, {:.3g}, {:.3g})", v.x(), v.y(), v.z()); };
@@ -166,12 +177,6 @@ Obstacle buildObstacle(const ObstacleConfig& config) {
                  [&](const MeshObstacleConfig& m) { out.shape = MeshShape{placed(buildSurface(m.shape), m.pose)}; }},
       config.geometry);
   return out;
-}
-
-Path buildPath(const HandConfig& hand) {
-  std::vector<PathKey> keys;
-  for (const KeyframeConfig& k : hand.keyframes) keys.push_back({k.time, k.position, k.rotation});
-  return Path(std::move(keys), hand.smooth ? Interpolation::smooth : Interpolation::linear);
 }
 
 std::unique_ptr<Device> buildDevice(const SceneConfig& config, Pose& start) {

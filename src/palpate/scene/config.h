@@ -139,12 +139,28 @@ struct MaterialConfig : Material {
   std::vector<MaterialPartConfig> parts;
 };
 
+/// Where the hand wants the handle at a time, or an attachment is, relative to its start: p = p_start + position,
+/// R = exp(rotation) R_start, world frame.
+struct KeyframeConfig {
+  double time = 0.0;             ///< [s] since the start of the run
+  Vec3 position = Vec3::Zero();  ///< [m]
+  Vec3 rotation = Vec3::Zero();  ///< rotation vector [rad]
+};
+
+/// Path of the hand: through the keyframes, holding the first before and the last after.
+struct HandConfig {
+  std::vector<KeyframeConfig> keyframes;  ///< times increase; empty: the hand rests at the start
+  bool smooth = true;                     ///< at rest in every keyframe, smooth in between; otherwise piecewise linear
+};
+
 /// Where the world holds a body.
 struct AttachmentConfig {
   std::string name;
   RegionConfig region;
   std::optional<double> stiffness;  ///< of springs, on the surface in the region [N/m^3]; absent: its nodes are fixed
   double damping = 0.0;             ///< of the springs [N s/m^3]
+  HandConfig motion;                ///< of its end in the world, about its middle; no keyframes: it stands still
+  double period = 0.0;              ///< in which the motion comes again [s]; 0: once
 };
 
 /// What tool and bodies share.
@@ -165,20 +181,6 @@ struct FreeBodyConfig : BodyConfig {
   Vec3 velocity = Vec3::Zero();  ///< at the start [m/s], world
   Vec3 angular_velocity = Vec3::Zero();  ///< at the start [rad/s], world, about the rest frame's origin
   bool settled = false;                  ///< starts in static equilibrium; otherwise in its rest shape; soft bodies
-};
-
-/// Where the hand wants the handle at a time, relative to the handle's start: p = p_start + position,
-/// R = exp(rotation) R_start, world frame.
-struct KeyframeConfig {
-  double time = 0.0;             ///< [s] since the start of the run
-  Vec3 position = Vec3::Zero();  ///< [m]
-  Vec3 rotation = Vec3::Zero();  ///< rotation vector [rad]
-};
-
-/// Path of the hand: through the keyframes, holding the first before and the last after.
-struct HandConfig {
-  std::vector<KeyframeConfig> keyframes;  ///< times increase; empty: the hand rests at the start
-  bool smooth = true;                     ///< at rest in every keyframe, smooth in between; otherwise piecewise linear
 };
 
 /// Rigid body that holds the nodes of a region.

@@ -43,12 +43,51 @@ void readMaterial(const Value& value, BodyConfig& body) {
                 {"parts", readParts}});
 }
 
+KeyframeConfig readKeyframe(const Value& value) {
+  KeyframeConfig keyframe;
+  value.fields({required(numberField("t", keyframe.time, Range::within(0.0, 3600.0, "s"))),
+                vectorField("position", keyframe.position, Range::within(-10.0, 10.0, "m")),
+                rotationField("rotation", keyframe.rotation, 360.0)});
+  return keyframe;
+}
+
+HandConfig readHand(const Value& value, const std::vector<Field>& others = {}) {
+  HandConfig hand;
+  const auto readKeyframes = [&](const Value& list) {
+    for (const Value& item : list.items(kMaxKeyframes)) {
+      hand.keyframes.push_back(readKeyframe(item));
+      const std::size_t count = hand.keyframes.size();
+      if (count > 1 && hand.keyframes[count - 1].time <= hand.keyframes[count - 2].time)
+        item.fail(fmt::format("t = {:g} s is not later than the keyframe before, {:g} s",
+                              hand.keyframes[count - 1].time, hand.keyframes[count - 2].time));
+    }
+  };
+  std::vector<Field> fields{{"keyframes", readKeyframes}, booleanField("smooth", hand.smooth)};
+  fields.insert(fields.end(), others.begin(), others.end());
+  value.fields(fields);
+  return hand;
+}
+
+/// Of an attachment: keyframes, which may come again.
+void readMotion(const Value& value, AttachmentConfig& attachment) {
+  attachment.motion = readHand(value, {numberField("period", attachment.period, Range::positive(3600.0, "s"))});
+  const std::vector<KeyframeConfig>& keys = attachment.motion.keyframes;
+  if (keys.empty()) value.fail("has no keyframes");
+  if (!keys.front().position.isZero(0.0) || !keys.front().rotation.isZero(0.0))
+    value.fail("does not begin where the body is built: the first keyframe has a position or a rotation");
+  if (attachment.period == 0) return;
+  if (keys.back().time > attachment.period) value.fail("has keyframes after its period");
+  if (keys.back().position != keys.front().position || keys.back().rotation != keys.front().rotation)
+    value.fail("jumps where it comes again: the last keyframe is not the first's place");
+}
+
 AttachmentConfig readAttachment(const Value& value, const std::string& name, const ShapeConfig& shape) {
   AttachmentConfig attachment;
   attachment.name = name;
   value.fields({regionField(attachment.region, shape),
                 numberField("stiffness", attachment.stiffness, Range::positive(1e12, "N/m^3")),
-                numberField("damping", attachment.damping, Range::within(0.0, 1e9, "N s/m^3"))});
+                numberField("damping", attachment.damping, Range::within(0.0, 1e9, "N s/m^3")),
+                {"motion", [&](const Value& v) { readMotion(v, attachment); }}});
   if (attachment.damping > 0 && !attachment.stiffness) value.fail("has damping but no stiffness; without, it is fixed");
   return attachment;
 }
@@ -67,29 +106,6 @@ std::vector<Field> softFields(BodyConfig& body) {
           {"attachments", readAttachments},
           {"material", [&body](const Value& value) { readMaterial(value, body); }},
           booleanField("self_contact", body.self_contact)};
-}
-
-KeyframeConfig readKeyframe(const Value& value) {
-  KeyframeConfig keyframe;
-  value.fields({required(numberField("t", keyframe.time, Range::within(0.0, 3600.0, "s"))),
-                vectorField("position", keyframe.position, Range::within(-10.0, 10.0, "m")),
-                rotationField("rotation", keyframe.rotation, 360.0)});
-  return keyframe;
-}
-
-HandConfig readHand(const Value& value) {
-  HandConfig hand;
-  const auto readKeyframes = [&](const Value& list) {
-    for (const Value& item : list.items(kMaxKeyframes)) {
-      hand.keyframes.push_back(readKeyframe(item));
-      const std::size_t count = hand.keyframes.size();
-      if (count > 1 && hand.keyframes[count - 1].time <= hand.keyframes[count - 2].time)
-        item.fail(fmt::format("t = {:g} s is not later than the keyframe before, {:g} s",
-                              hand.keyframes[count - 1].time, hand.keyframes[count - 2].time));
-    }
-  };
-  value.fields({{"keyframes", readKeyframes}, booleanField("smooth", hand.smooth)});
-  return hand;
 }
 
 /// Principal moments of a body that can exist: no one exceeds the sum of the other two.

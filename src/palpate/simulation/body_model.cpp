@@ -132,6 +132,10 @@ void BodyModel::attach(Attachment attachment) {
   }
   number();
   if (free_.empty()) fail("fixes every node: nothing is left to deform");
+  attachment.middle.setZero();
+  for (const int n : attachment.nodes) attachment.middle += mesh_.mesh.nodes[n];
+  attachment.middle /= static_cast<double>(attachment.nodes.size());
+  driven_ = driven_ || attachment.motion;
   attachments_.push_back(std::move(attachment));
 }
 
@@ -153,11 +157,24 @@ void BodyModel::number() {
   pattern_ = fem_.pattern(row_);
 }
 
-double BodyModel::springEnergy(const VecX& x) const {
+VecX BodyModel::anchors(double time) const {
+  VecX out(3 * nodes());
+  for (int i = 0; i < nodes(); ++i) out.segment<3>(3 * i) = mesh_.mesh.nodes[i];
+  for (const Attachment& a : attachments_) {
+    if (!a.motion) continue;
+    const Pose moved = a.motion(time);
+    for (const int n : a.nodes) {
+      out.segment<3>(3 * n) = a.middle + moved.position + moved.rotation * (mesh_.mesh.nodes[n] - a.middle);
+    }
+  }
+  return out;
+}
+
+double BodyModel::springEnergy(const VecX& x, const VecX& anchors) const {
   double sum = 0;
   if (spring_stiffness_.size() == 0) return sum;
   for (const int i : free_) {
-    sum += 0.5 * spring_stiffness_[i] * (x.segment<3>(3 * i) - mesh_.mesh.nodes[i]).squaredNorm();
+    sum += 0.5 * spring_stiffness_[i] * (x.segment<3>(3 * i) - anchors.segment<3>(3 * i)).squaredNorm();
   }
   return sum;
 }

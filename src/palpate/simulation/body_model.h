@@ -67,9 +67,12 @@ class BodyModel {
   const std::vector<int>& fixedElements() const { return fixed_elements_; }  ///< touch fixed nodes
   const VecX& springStiffness() const { return spring_stiffness_; }          ///< of each node [N/m]; empty: no springs
   const VecX& springDamping() const { return spring_damping_; }              ///< of each node [N s/m]
-  double springEnergy(const VecX& x) const;                                  ///< [J]
-  const std::vector<int>& boundaryElements() const { return boundary_; }     ///< touch attached and free nodes
-  double totalMass() const;                                                  ///< [kg]
+  bool driven() const { return driven_; }                                    ///< an attachment moves
+  /// Where the world has its ends of attachments at a time, as built elsewhere; 3 a node [m].
+  VecX anchors(double time) const;
+  double springEnergy(const VecX& x, const VecX& anchors) const;          ///< [J]
+  const std::vector<int>& boundaryElements() const { return boundary_; }  ///< touch attached and free nodes
+  double totalMass() const;                                               ///< [kg]
   double friction() const { return friction_; }
   /// Of A_tt; its values are to be overwritten.
   const SymmetricBlockMatrix& pattern() const { return pattern_; }
@@ -96,6 +99,7 @@ class BodyModel {
   Vec6 velocity_;
   std::vector<Attachment> attachments_;
   std::vector<char> fixed_;  // of each node
+  bool driven_ = false;
   VecX spring_stiffness_, spring_damping_;
   std::vector<int> row_, free_, attached_, boundary_, fixed_elements_;
   SymmetricBlockMatrix pattern_;

@@ -39,6 +39,7 @@ void BodySystem::assemble(const StepInput& input, BodyState& state) {
   x0_ = state.positions;
   v0_ = start_velocities_ = state.velocities;
   start_ = state.handle;
+  setAnchors(input.end_time);
   if (follows()) moveRigidly();
   turned_ = follows() && prepared_.ready && prepared_.step == h && prepared_.elastic.isFor(places_);
   const VecX& x = follows() ? moved_ : x0_;
@@ -167,16 +168,38 @@ void BodySystem::assembleRightSides() {
         m * v0_.segment<3>(3 * i) + h * (f_.segment<3>(3 * i) + m * input_.gravity);
     if (model_->springStiffness().size() > 0) {
       rhs_.col(columns - 1).segment<3>(3 * r) -=
-          h * model_->springStiffness()[i] * (x0_.segment<3>(3 * i) - model_->mesh().mesh.nodes[i]);
+          h * model_->springStiffness()[i] * (x0_.segment<3>(3 * i) - anchors_.segment<3>(3 * i));
     }
     if (follows()) {
       rhs_.col(columns - 1).segment<3>(3 * r) -=
           h * model_->elasticity().material().damping_alpha * m * carried_.segment<3>(3 * r);
     }
   }
+  if (model_->framed()) {
+    pullHandle();
+    assembleHandle();
+  }
+  if (!model_->driven()) return;
+  const VecX loads = drivenLoads();
+  for (int r = 0; r < model_->freeNodes(); ++r) {
+    rhs_.col(columns - 1).segment<3>(3 * r) -= loads.segment<3>(3 * model_->free()[r]);
+  }
   if (!model_->framed()) return;
-  pullHandle();
-  assembleHandle();
+  for (const int n : handle().nodes) b_h_ -= jacobian(n).transpose() * loads.segment<3>(3 * n);
+}
+
+VecX BodySystem::drivenLoads() const {
+  VecX loads = VecX::Zero(3 * model_->nodes());
+  for (const int index : model_->fixedElements()) {
+    const ElasticElement& e = model_->elasticity().elements()[index];
+    const auto c = e.rotatedGradients(state_->elastic.rotations[index]);
+    for (int j = 0; j < 4; ++j) {
+      if (!model_->isFixed(e.node[j])) continue;
+      const Vec3 v = c_ * state_->elastic.stiffness_scale * fixedVelocity(e.node[j]);
+      for (int i = 0; i < 4; ++i) loads.segment<3>(3 * e.node[i]) += e.stiffness(c, i, j) * v;
+    }
+  }
+  return loads;
 }
 
 // K_TH G into pulled_ and G^T K_HH G, from the elements that join handle and free nodes; A_th = c K_TH G.
@@ -583,6 +606,8 @@ void BodySystem::nodeVelocity(const ContactPoint& point, const VecX& v, const Ve
     const int node = point.node[k];
     if (row(node) >= 0) {
       out += point.weight[k] * v.segment<3>(3 * row(node));
+    } else if (model_->isFixed(node)) {
+      out += point.weight[k] * fixedVelocity(node);
     } else {
       out += point.weight[k] * (jacobian(node) * u);
     }
@@ -701,7 +726,7 @@ void BodySystem::endPositions(VecX& x) const {
   }
   for (const Attachment& attachment : model_->attachments()) {
     if (!attachment.fixed()) continue;
-    for (const int n : attachment.nodes) x.segment<3>(3 * n) = x0_.segment<3>(3 * n);
+    for (const int n : attachment.nodes) x.segment<3>(3 * n) = anchors_.segment<3>(3 * n);
   }
   if (model_->framed()) {
     const Pose end = palpate::advance(start_.pose, h * u_end_);
@@ -722,9 +747,9 @@ Vec3 BodySystem::arcOffset(const ContactPoint& point, const VecX& x_end) const {
   return offset;
 }
 
-// From the step's own equations, so that momentum adds up to rounding: for a fixed node
-//     0 = h (f + m g + r) - c sum K v - h alpha m 0 + contact impulse
-std::vector<AttachmentForce> BodySystem::attachmentForces() const {
+// From the step's own equations, so that momentum adds up to rounding: for a fixed node with the velocity v
+//     m (v - v0) = h (f + m g - alpha m v + r) - c sum K v + contact impulse
+std::vector<std::vector<Vec3>> BodySystem::nodeAttachmentForces() const {
   const double h = input_.step;
   const ElasticMesh& fem = model_->elasticity();
   VecX on_node = VecX::Zero(3 * model_->nodes());
@@ -739,29 +764,58 @@ std::vector<AttachmentForce> BodySystem::attachmentForces() const {
       }
     }
   }
-  std::vector<AttachmentForce> out;
+  std::vector<std::vector<Vec3>> out;
   for (const Attachment& attachment : model_->attachments()) {
-    AttachmentForce sum;
-    Vec3 middle = Vec3::Zero();
-    for (const int n : attachment.nodes) middle += model_->mesh().mesh.nodes[n];
-    middle /= static_cast<double>(attachment.nodes.size());
+    std::vector<Vec3>& forces = out.emplace_back();
     for (std::size_t k = 0; k < attachment.nodes.size(); ++k) {
       const int n = attachment.nodes[k];
-      Vec3 force = Vec3::Zero();
+      const Vec3 v = nodeEndVelocity(n);
       if (attachment.fixed()) {
-        force = on_node.segment<3>(3 * n) - f_.segment<3>(3 * n) - fem.mass()[n] * input_.gravity;
-        if (on_fixed_.size() > 0) force -= on_fixed_.segment<3>(3 * n) / h;
+        const Vec3 inertia = fem.mass()[n] * ((v - start_velocities_.segment<3>(3 * n)) / h +
+                                              fem.material().damping_alpha * v - input_.gravity);
+        forces.push_back(on_node.segment<3>(3 * n) - f_.segment<3>(3 * n) + inertia);
+        if (on_fixed_.size() > 0) forces.back() -= on_fixed_.segment<3>(3 * n) / h;
       } else if (row(n) >= 0) {
         const auto at = static_cast<Eigen::Index>(k);
-        const Vec3 v = nodeEndVelocity(n), way = x0_.segment<3>(3 * n) + h * v - model_->mesh().mesh.nodes[n];
-        force = -attachment.stiffness[at] * way - attachment.damping[at] * v;
+        const Vec3 way = x0_.segment<3>(3 * n) + h * v - anchors_.segment<3>(3 * n);
+        forces.push_back(-attachment.stiffness[at] * way - attachment.damping[at] * v);
+      } else {
+        forces.push_back(Vec3::Zero());
       }
-      sum.force += force;
-      sum.moment += (x0_.segment<3>(3 * n) - middle).cross(force);
     }
-    out.push_back(sum);
   }
   return out;
+}
+
+std::vector<AttachmentForce> BodySystem::attachmentForces() const {
+  std::vector<AttachmentForce> out;
+  const auto forces = nodeAttachmentForces();
+  for (std::size_t a = 0; a < forces.size(); ++a) {
+    const Attachment& attachment = model_->attachments()[a];
+    AttachmentForce& sum = out.emplace_back();
+    for (std::size_t k = 0; k < forces[a].size(); ++k) {
+      sum.force += forces[a][k];
+      sum.moment += (x0_.segment<3>(3 * attachment.nodes[k]) - attachment.middle).cross(forces[a][k]);
+    }
+  }
+  return out;
+}
+
+// Of fixed nodes along their way, and of springs' far ends along theirs.
+double BodySystem::attachmentWork() const {
+  if (!model_->driven()) return 0;
+  const VecX before = model_->anchors(input_.end_time - input_.step);
+  const auto forces = nodeAttachmentForces();
+  double work = 0;
+  for (std::size_t a = 0; a < forces.size(); ++a) {
+    const Attachment& attachment = model_->attachments()[a];
+    for (std::size_t k = 0; k < forces[a].size(); ++k) {
+      const int n = attachment.nodes[k];
+      const Vec3 from = attachment.fixed() ? x0_.segment<3>(3 * n) : before.segment<3>(3 * n);
+      work += forces[a][k].dot(anchors_.segment<3>(3 * n) - from);
+    }
+  }
+  return work;
 }
 
 double BodySystem::correctionEnergy(double elastic) {
@@ -804,6 +858,12 @@ bool BodySystem::advance() {
     // a correction is no motion
     if (shifted) v -= input_.followed.end.pose.rotation * input_.followed.shift.segment<3>(3 * r) / input_.step;
     state.velocities.segment<3>(3 * model_->free()[r]) = v;
+  }
+  if (model_->driven()) {
+    for (const Attachment& attachment : model_->attachments()) {
+      if (!attachment.fixed()) continue;
+      for (const int n : attachment.nodes) state.velocities.segment<3>(3 * n) = fixedVelocity(n);
+    }
   }
   if (model_->framed()) {
     // on its path it has the velocity recorded there, not the mean one

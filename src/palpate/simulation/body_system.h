@@ -46,6 +46,7 @@ struct StepInput {
   bool tension = false;
   /// Of a held body.
   FollowedHandle followed{};
+  double end_time = 0;  ///< of the world at the end of the step [s]: attachments may be driven
 };
 
 /// The linear system of one body's semi-implicit backward Euler step, and its scratch. It holds nothing that the next
@@ -126,7 +127,13 @@ class BodySystem {
   void pushPoint(const ContactPoint& point, const Vec3& impulse);
   /// Of any node [m/s]; setting is for free ones.
   Vec3 nodeEndVelocity(int node) const {
-    return row(node) >= 0 ? Vec3(v_end_.segment<3>(3 * row(node))) : Vec3(jacobian(node) * u_end_);
+    if (row(node) >= 0) return v_end_.segment<3>(3 * row(node));
+    return model_->isFixed(node) ? fixedVelocity(node) : Vec3(jacobian(node) * u_end_);
+  }
+  /// Of a fixed node: zero, unless it is driven [m/s].
+  Vec3 fixedVelocity(int node) const {
+    if (!model_->driven()) return Vec3::Zero();
+    return (anchors_.segment<3>(3 * node) - x0_.segment<3>(3 * node)) / input_.step;
   }
   /// Whether a point of this body can move at all: not all of its nodes are fixed to the world.
   bool canMove(const ContactPoint& point) const;
@@ -147,7 +154,11 @@ class BodySystem {
   /// its own any more.
   double elasticEnergy(const BodyState& state) {
     return model_->elasticity().energyAt(state.positions, state.elastic, ahead_) +
-           model_->springEnergy(state.positions);
+           (anchors_.size() > 0 ? model_->springEnergy(state.positions, anchors_) : 0.0);
+  }
+  /// Springs pull to where the world has its ends at this time, also outside of a step [s].
+  void setAnchors(double time) {
+    if (!model_->attachments().empty()) anchors_ = model_->anchors(time);
   }
   /// What the corrections that come with a path bring at the start of the step, kinetic and elastic [J].
   /// @param elastic  energy that the body had before them [J]
@@ -158,6 +169,10 @@ class BodySystem {
   /// What each attachment did to the body in the step that was just taken: with gravity, link and contact impulses it
   /// makes up the change of the body's momentum. In the order of the model's attachments.
   std::vector<AttachmentForce> attachmentForces() const;
+  /// Work that driven attachments did in it [J].
+  double attachmentWork() const;
+  /// c K v of fixed nodes' velocities on a node's row, all nodes [N s].
+  VecX drivenLoads() const;
   /// The state was set from outside: nothing found ahead of the next step holds.
   void forget() {
     ahead_.clear();
@@ -208,6 +223,7 @@ class BodySystem {
   void addPull(int element);
   void assembleHandle();
   Vec6 handleWrench() const;
+  std::vector<std::vector<Vec3>> nodeAttachmentForces() const;
   void addLink(Vec6& wrench);
   Eigen::Matrix<double, 3, 6> attachedJacobian(const ContactPoint& point) const;
   void nodeVelocity(const ContactPoint& point, const VecX& v, const Vec6& u, Vec3& out) const;
@@ -250,6 +266,7 @@ class BodySystem {
   Vec6 b_h_ = Vec6::Zero();
   VecX v_free_, v_end_, impulse_response_, on_trailing_;
   Vec6 on_handle_ = Vec6::Zero();  // contact impulses on the handle, of the last applyImpulse() [N s; N m s]
+  VecX anchors_;                   // at the end of the step, 3 a node [m]
   VecX on_fixed_;                  // contact impulses on fixed nodes, 3 a node; empty: none are fixed [N s]
   Vec6 u_free_ = Vec6::Zero(), u_end_ = Vec6::Zero();
 };

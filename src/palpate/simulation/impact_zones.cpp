@@ -58,7 +58,7 @@ void ImpactZones::apply(const MovingBodies& bodies) const {
       mass += m;
       if (bodies[b].model().row()[node] >= 0) continue;
       if (bodies[b].model().isFixed(node)) {
-        held.setZero();
+        held = v;
         attached = 1;
         break;
       }

@@ -154,6 +154,7 @@ double World::settle(const std::vector<int>& moving, Pose device, const SettlePr
     edge = std::min(edge, models_[i]->contactFinder().edgeLength());
   }
   meter_.start({});
+  for (const int i : moving) systems_[i]->setAnchors(state_.time);
   StepLength h(longest);
   double speed = 0, displacement = 0, energy = potentialEnergy(moving, device);
   bool settled = false;
@@ -161,8 +162,9 @@ double World::settle(const std::vector<int>& moving, Pose device, const SettlePr
   for (int n = 0; n < kMaxSteps && !settled; ++n) {
     before = state_;
     for (const int i : moving) state_.bodies[i].clearVelocities();
-    const StepReport report =
-        stepBodies(moving, {h.value(), gravity, link, {device, Vec6::Zero()}, true}, Ending::held);
+    StepInput input{h.value(), gravity, link, {device, Vec6::Zero()}, true};
+    input.end_time = state_.time;
+    const StepReport report = stepBodies(moving, input, Ending::held);
     speed = largestSpeed(moving);
     displacement = speed * h.value() / edge;
     const double after = potentialEnergy(moving, device);

@@ -14,6 +14,13 @@ StepWork workOn(const BodySystem& system, const BodyState& end) {
   for (const int i : model.free()) {
     moment += model.elasticity().mass()[i] * (end.positions.segment<3>(3 * i) - start.segment<3>(3 * i));
   }
+  if (model.driven()) {
+    for (int i = 0; i < model.nodes(); ++i) {
+      if (!model.isFixed(i)) continue;
+      moment += model.elasticity().mass()[i] * (end.positions.segment<3>(3 * i) - start.segment<3>(3 * i));
+    }
+    work.add(system.attachmentWork());
+  }
   if (model.framed()) {
     moment += model.handle().mass * (end.handle.pose.position - system.startPose().position);
   }

@@ -278,18 +278,23 @@ bool World::tryStep(const StepInput& input, double share, bool last, StepReport&
 
 // Of the part of a step between two shares of it.
 StepInput World::inputAt(const Way& way, double from, double to) const {
-  const double h = (to - from) * way.step;
+  StepInput input;
+  input.step = (to - from) * way.step;
+  input.gravity = gravity;
+  input.link = link;
+  input.end_time = state_.time + to * way.step;
   if (way.path == nullptr) {
-    const DeviceTarget target = to == 1 ? way.to : between(way.from, way.to, to);
-    return {h, gravity, linkTo(between(way.from, way.to, from)), target};
+    input.device = to == 1 ? way.to : between(way.from, way.to, to);
+    input.link = linkTo(between(way.from, way.to, from));
+    return input;
   }
   const HandleState end = way.path->at(to);
-  const DeviceTarget target{end.pose, end.twist};
+  input.device = {end.pose, end.twist};
   if (way.pulled) {
     const HandleState start = way.path->at(from);
-    return {h, gravity, linkTo({start.pose, start.twist}), target};
+    input.link = linkTo({start.pose, start.twist});
+    return input;
   }
-  StepInput input{h, gravity, link, target};
   input.followed.on = true;
   input.followed.end = end;
   input.followed.largest_force = way.path->largest_force;
@@ -363,12 +368,16 @@ StepReport World::walk(Way way, int parts) {
   }
   meter_.start(budget);
   StepReport report;
-  if (!energy_known_) findEnergies(report);
+  if (!energy_known_) {
+    for (const auto& system : systems_) system->setAnchors(state_.time);
+    findEnergies(report);
+  }
   const double before = energy_;
   work_ = {};
   for (int k = 0; k < parts; ++k) {
     stepAlong(way, static_cast<double>(k) / parts, static_cast<double>(k + 1) / parts, report);
   }
+  state_.time += way.step;
   report.energy_made = energyMade(before + report.energy_corrected, energy_, work_);
   if (follows) {
     state_.pulled_after = way.pulled ? std::min(2 * state_.pulled_after + 1, kMostPulled) : 0;
@@ -379,7 +388,10 @@ StepReport World::walk(Way way, int parts) {
 
 StepReport World::evaluate(const DeviceTarget& device, double h) {
   meter_.start({0.5 * budget.operations, 0.5 * budget.seconds});
-  StepReport report = stepBodies(all(), {h, gravity, linkTo(device), device}, Ending::stay);
+  StepInput input{h, gravity, linkTo(device), device};
+  input.end_time = state_.time + h;
+  StepReport report = stepBodies(all(), input, Ending::stay);
+  for (const auto& system : systems_) system->setAnchors(state_.time);
   findEnergies(report);
   return report;
 }

@@ -12,7 +12,7 @@ namespace palpate {
 namespace {
 
 constexpr std::uint32_t kMagic = 0x54535050;  // "PPST"
-constexpr std::uint32_t kVersion = 3;
+constexpr std::uint32_t kVersion = 4;
 
 class Writer {
  public:
@@ -202,6 +202,7 @@ void fields(A& a, WorldState& state) {
   fields(a, state.device.pose);
   fields(a, state.device.twist);
   fields(a, state.aimed);
+  fields(a, state.time);
   fields(a, state.halvings);
   fields(a, state.pulled_steps);
   fields(a, state.pulled_after);

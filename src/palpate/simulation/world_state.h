@@ -19,6 +19,7 @@ struct WorldState {
   double friction_scale = 1.0;  ///< factor on all coefficients of friction
   DeviceTarget device;          ///< target of the last step
   bool aimed = false;           ///< there was one
+  double time = 0;              ///< that all steps took together [s]
   int halvings = 0;             ///< of its parts at its end
   int pulled_steps = 0;         ///< that follow() is to take pulled by the link, before it tries a path again
   int pulled_after = 0;         ///< how many there were after its last failure

@@ -111,6 +111,7 @@ class SlowBody {
     const StepInput& in = body_.system.input();
     const double h = in.step;
     VecX b(unknowns());
+    const VecX anchors = body_.model.anchors(in.end_time), loads = drivenLoads();
     Vec6 wrench = Vec6::Zero();
     for (int i = 0; i < body_.model.nodes(); ++i) {
       const double m = body_.model.elasticity().mass()[i];
@@ -120,10 +121,11 @@ class SlowBody {
         if (body_.model.springStiffness().size() > 0) {
           b.segment<3>(3 * body_.model.row()[i]) -=
               h * body_.model.springStiffness()[i] *
-              (body_.system.startPositions().segment<3>(3 * i) - body_.model.mesh().mesh.nodes[i]);
+              (body_.system.startPositions().segment<3>(3 * i) - anchors.segment<3>(3 * i));
         }
+        b.segment<3>(3 * body_.model.row()[i]) -= h * loads.segment<3>(3 * i);
       } else if (!body_.model.isFixed(i)) {  // with the weight's lever arms, node by node
-        const Vec3 force = f.segment<3>(3 * i) + m * in.gravity;
+        const Vec3 force = f.segment<3>(3 * i) + m * in.gravity - loads.segment<3>(3 * i);
         wrench.head<3>() += force;
         wrench.tail<3>() += (pose.rotation * body_.model.handle().offsets[body_.model.attachedIndex()[i]]).cross(force);
       }
@@ -163,6 +165,23 @@ class SlowBody {
     return j;
   }
 
+  /// Velocity of all contacts' rows by nodes that the world drives.
+  VecX drivenRows(const ContactSet& set, int self) const {
+    VecX out = VecX::Zero(static_cast<Eigen::Index>(3 * set.contacts.size()));
+    for (std::size_t i = 0; i < set.contacts.size(); ++i) {
+      const Contact& c = set.contacts[i];
+      for (const auto& [point, sign] : {std::pair(&c.first, 1.0), std::pair(&c.second, -1.0)}) {
+        if (point->body != self) continue;
+        for (int k = 0; k < point->count; ++k) {
+          if (!body_.model.isFixed(point->node[k])) continue;
+          out.segment<3>(static_cast<Eigen::Index>(3 * i)) +=
+              sign * point->weight[k] * c.frame() * body_.system.fixedVelocity(point->node[k]);
+        }
+      }
+    }
+    return out;
+  }
+
   /// Coupling wrench of the handle.
   Vec6 wrench(const Pose& pose, const VecX& f, const VecX& v) const {
     const double time = body_.system.input().step + body_.model.elasticity().material().damping_beta;
@@ -173,7 +192,7 @@ class SlowBody {
       Vec12 velocity;
       for (int k = 0; k < 4; ++k) {
         const int row = body_.model.row()[node[k]];
-        velocity.segment<3>(3 * k).setZero();
+        velocity.segment<3>(3 * k) = body_.system.fixedVelocity(node[k]);
         if (row >= 0) {
           velocity.segment<3>(3 * k) = v.segment<3>(3 * row);
         } else if (!body_.model.isFixed(node[k])) {
@@ -213,6 +232,22 @@ class SlowBody {
       }
     }
     return rotated;
+  }
+
+  // (h + beta) K v of the nodes that the world drives [N].
+  VecX drivenLoads() const {
+    VecX loads = VecX::Zero(3 * body_.model.nodes());
+    for (const int e : body_.model.fixedElements()) {
+      const auto& node = body_.model.elasticity().elements()[e].node;
+      Vec12 velocity = Vec12::Zero();
+      for (int k = 0; k < 4; ++k) {
+        if (body_.model.isFixed(node[k])) velocity.segment<3>(3 * k) = body_.system.fixedVelocity(node[k]);
+      }
+      const Vec12 force = body_.system.stiffnessScale() / body_.system.input().step *
+                          (rotatedStiffness(static_cast<std::size_t>(e)) * velocity);
+      for (int k = 0; k < 4; ++k) loads.segment<3>(3 * node[k]) += force.segment<3>(3 * k);
+    }
+    return loads;
   }
 
   void addElement(std::size_t e, const Pose& pose, std::vector<Eigen::Triplet<double>>& entries, Mat6& frame) const {
@@ -289,7 +324,7 @@ class SlowStep {
       const Vec6 twist = body.model.framed() ? body.system.startTwist() : Vec6::Zero();
       const MatX j = other.contactRows(set_, index, pose);
       other_delassus_ += j * other.solve(j.transpose());
-      other_free_ += j * other.solve(other.rightHandSide(pose, twist, f));
+      other_free_ += j * other.solve(other.rightHandSide(pose, twist, f)) + other.drivenRows(set_, index);
     }
   }
 
@@ -306,7 +341,8 @@ class SlowStep {
     if (!set_.contacts.empty()) {
       const MatX j = slow_tool_.contactRows(set_, world_.toolIndex(), frozen_ ? tool_.system.startPose() : pose);
       const MatX response = slow_tool_.solve(j.transpose());
-      const VecX lambda = solveStates(j * response + other_delassus_, j * v + other_free_, gaps(x));
+      const VecX lambda = solveStates(j * response + other_delassus_,
+                                      j * v + slow_tool_.drivenRows(set_, world_.toolIndex()) + other_free_, gaps(x));
       v += response * lambda;
       contact = j.rightCols<6>().transpose() * lambda / tool_.system.input().step;
     }
