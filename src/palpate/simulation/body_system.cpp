@@ -39,7 +39,7 @@ void BodySystem::assemble(const StepInput& input, BodyState& state) {
   x0_ = state.positions;
   v0_ = start_velocities_ = state.velocities;
   start_ = state.handle;
-  setAnchors(input.end_time);
+  if (!model_->attachments().empty()) anchors_ = model_->anchors(input.end_time);
   if (follows()) moveRigidly();
   turned_ = follows() && prepared_.ready && prepared_.step == h && prepared_.elastic.isFor(places_);
   const VecX& x = follows() ? moved_ : x0_;

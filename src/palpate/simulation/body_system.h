@@ -152,13 +152,10 @@ class BodySystem {
   void retreat();
   /// Elastic energy of a state [J]. Where the next step starts from the same state, it needs no rotations and forces of
   /// its own any more.
-  double elasticEnergy(const BodyState& state) {
+  /// @param time  of the world, at which springs pull to where their ends then are [s]
+  double elasticEnergy(const BodyState& state, double time) {
     return model_->elasticity().energyAt(state.positions, state.elastic, ahead_) +
-           (anchors_.size() > 0 ? model_->springEnergy(state.positions, anchors_) : 0.0);
-  }
-  /// Springs pull to where the world has its ends at this time, also outside of a step [s].
-  void setAnchors(double time) {
-    if (!model_->attachments().empty()) anchors_ = model_->anchors(time);
+           (model_->springStiffness().size() > 0 ? model_->springEnergy(state.positions, model_->anchors(time)) : 0.0);
   }
   /// What the corrections that come with a path bring at the start of the step, kinetic and elastic [J].
   /// @param elastic  energy that the body had before them [J]

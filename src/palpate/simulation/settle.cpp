@@ -109,7 +109,7 @@ double World::potentialEnergy(const std::vector<int>& of, const Pose& device) co
   for (const int i : of) {
     const BodyState& state = state_.bodies[i];
     const VecX& mass = models_[i]->elasticity().mass();
-    sum += systems_[i]->elasticEnergy(state_.bodies[i]);
+    sum += systems_[i]->elasticEnergy(state_.bodies[i], state_.time);
     for (int n = 0; n < models_[i]->nodes(); ++n) {
       if (models_[i]->row()[n] >= 0) sum -= mass[n] * gravity.dot(state.positions.segment<3>(3 * n));
     }
@@ -154,7 +154,6 @@ double World::settle(const std::vector<int>& moving, Pose device, const SettlePr
     edge = std::min(edge, models_[i]->contactFinder().edgeLength());
   }
   meter_.start({});
-  for (const int i : moving) systems_[i]->setAnchors(state_.time);
   StepLength h(longest);
   double speed = 0, displacement = 0, energy = potentialEnergy(moving, device);
   bool settled = false;

@@ -259,7 +259,7 @@ bool World::tryStep(const StepInput& input, double share, bool last, StepReport&
     return false;
   }
   if (input.followed.on) report.energy_corrected = systems_[tool_]->correctionEnergy(tool_before);
-  findEnergies(report);
+  findEnergies(report, input.end_time);
   StepWork work;
   for (int i = 0; i < bodies(); ++i) work += workOn(*systems_[i], state_.bodies[i]);
   const double made = energyMade(before + report.energy_corrected, energy_, work, share);
@@ -368,10 +368,7 @@ StepReport World::walk(Way way, int parts) {
   }
   meter_.start(budget);
   StepReport report;
-  if (!energy_known_) {
-    for (const auto& system : systems_) system->setAnchors(state_.time);
-    findEnergies(report);
-  }
+  if (!energy_known_) findEnergies(report, state_.time);
   const double before = energy_;
   work_ = {};
   for (int k = 0; k < parts; ++k) {
@@ -391,18 +388,17 @@ StepReport World::evaluate(const DeviceTarget& device, double h) {
   StepInput input{h, gravity, linkTo(device), device};
   input.end_time = state_.time + h;
   StepReport report = stepBodies(all(), input, Ending::stay);
-  for (const auto& system : systems_) system->setAnchors(state_.time);
-  findEnergies(report);
+  findEnergies(report, state_.time);
   return report;
 }
 
-// Of the present state, into the report.
-void World::findEnergies(StepReport& report) {
+// Of the present state, at that time, into the report.
+void World::findEnergies(StepReport& report, double time) {
   const ScopedTimer timer(report.times.advance);
   moving_.clear();
   for (int i = 0; i < bodies(); ++i) moving_.add(i, *systems_[i]);
   elastic_.resize(models_.size());
-  moving_.forEach([&](int i) { elastic_[i] = systems_[i]->elasticEnergy(state_.bodies[i]); });
+  moving_.forEach([&](int i) { elastic_[i] = systems_[i]->elasticEnergy(state_.bodies[i], time); });
   report.kinetic_energy = report.elastic_energy = 0;
   for (int i = 0; i < bodies(); ++i) {
     report.kinetic_energy += models_[i]->kineticEnergy(state_.bodies[i]);

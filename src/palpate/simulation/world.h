@@ -140,7 +140,7 @@ class World {
   bool solveContacts(double share, StepReport& report);
   bool advance(StepReport& report);
   void fail(int i, StepReport& report);
-  void findEnergies(StepReport& report);
+  void findEnergies(StepReport& report, double time);
   void reportContacts(StepReport& report) const;
   double largestSpeed(const std::vector<int>& of) const;
   double potentialEnergy(const std::vector<int>& of, const Pose& device) const;
