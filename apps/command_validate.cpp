@@ -1,8 +1,10 @@
 #include <fmt/format.h>
 
+#include <cmath>
 #include <memory>
 
 #include "commands.h"
+#include "palpate/mesh/surface_measures.h"
 #include "palpate/scene/builder.h"
 #include "scene_options.h"
 
@@ -16,10 +18,29 @@ void printScene(const SceneConfig& config, const BuiltScene& built) {
              toString(config.method), config.visual_step, config.ticksPerStep(), toString(config.device.kind));
 }
 
+std::string place(const Vec3& p) {
+  const auto round = [](double x) { return std::abs(x) < 1e-9 ? 0.0 : x; };
+  return fmt::format("({:.3g}, {:.3g}, {:.3g})", round(p.x()), round(p.y()), round(p.z()));
+}
+
+/// As built, before anything settles.
+void printBody(const Body& body) {
+  const Bounds box = boundsOf(body.model.mesh().surface.vertices);
+  fmt::print("{}: {}, {:.3g} kg{}, from {} to {} m\n", body.model.name(),
+             body.model.isRigid() ? "rigid" : fmt::format("{} free nodes", body.model.freeNodes()),
+             body.model.totalMass(), body.model.held() ? " with its handle" : "", place(box.low), place(box.high));
+  for (const Attachment& a : body.model.attachments()) {
+    fmt::print("  {}: {} nodes around {} m, {}{}\n", a.name, a.nodes.size(), place(a.middle),
+               a.fixed() ? "fixed" : fmt::format("springs of {:.3g} N/m together", a.stiffness.sum()),
+               a.motion ? ", driven" : "");
+  }
+}
+
 void printHandle(const BuiltScene& built) {
-  const Body tool = built.world.tool();
-  fmt::print("handle {}: {} nodes, weight of handle and tool {:.3g} N\n", tool.model.handle().name,
-             tool.model.handle().nodes.size(), tool.model.totalMass() * built.world.gravity.norm());
+  const BodyModel& tool = built.world.tool().model;
+  fmt::print("handle {}: {} at {} m, weight of handle and tool {:.3g} N\n", tool.handle().name,
+             tool.isRigid() ? "all of the tool," : fmt::format("{} nodes", tool.handle().nodes.size()),
+             place(tool.handle().start.pose.position), tool.totalMass() * built.world.gravity.norm());
 }
 
 /// Everything that a run would reject before its first step, with each of the handles in turn.
@@ -28,6 +49,7 @@ void validate(const SceneOptions& options) {
   const std::string chosen = config.tool.handle;
   const BuiltScene first = buildScene(config);
   printScene(config, first);
+  for (int i = 0; i < first.world.bodies(); ++i) printBody(first.world.body(i));
   printHandle(first);
   for (const std::string& note : first.notes) fmt::print("note: {}\n", note);
   if (options.overrides.handle) return;

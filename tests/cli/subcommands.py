@@ -299,6 +299,9 @@ def rigid_tool(context):
     context.rejects(["run", context.file("r.yaml", RIGID_TOOL.replace("      mass", "      region: {}\n      mass", 1)), "--out", context.folder / "r"],
                     ["region", "whole"])
     context.rejects(["run", scene, "--tetrahedra", "100", "--out", context.folder / "t"], ["--tetrahedra", "rigid"])
+    said = context.succeeds(["validate", scene])
+    for line in ("tool: rigid, ", "tissue: ", "table: 25 nodes around (0, 0, 0) m, fixed", "all of the tool, at (0, 0, 0.0"):
+        expect(line in said, f"validate does not say '{line}': {said}")
     for method in ("live", "hsl", "vc"):
         context.succeeds(["run", scene, "--method", method, "--pictures", "0", "--out", context.out])
         summary = context.summary()
