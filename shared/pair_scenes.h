@@ -188,6 +188,17 @@ inline bool crosses(const Vec3& p, const Vec3& q, const Vec3& a, const Vec3& b, 
   return (s0 > 0 && s1 > 0 && s2 > 0) || (s0 < 0 && s1 < 0 && s2 < 0);
 }
 
+/// Whether an edge and a triangle lie apart along an axis. By plain numbers: tests are not optimized.
+inline bool apart(const Vec3& a, const Vec3& b, const Vec3& p, const Vec3& q, const Vec3& r) {
+  const double *x = a.data(), *y = b.data(), *u = p.data(), *v = q.data(), *w = r.data();
+  for (int k = 0; k < 3; ++k) {
+    const double low = x[k] < y[k] ? x[k] : y[k], high = x[k] < y[k] ? y[k] : x[k];
+    if (low > u[k] && low > v[k] && low > w[k]) return true;
+    if (high < u[k] && high < v[k] && high < w[k]) return true;
+  }
+  return false;
+}
+
 /// Number of edges of one group of triangles that pass through triangles of another, by brute force.
 inline int crossings(const std::vector<Vec3>& points, const std::vector<std::array<int, 3>>& one,
                      const std::vector<std::array<int, 3>>& other) {
@@ -196,6 +207,7 @@ inline int crossings(const std::vector<Vec3>& points, const std::vector<std::arr
     for (const auto& e : *edges) {
       for (int i = 0; i < 3; ++i) {
         for (const auto& f : *faces) {
+          if (apart(points[e[i]], points[e[(i + 1) % 3]], points[f[0]], points[f[1]], points[f[2]])) continue;
           count += crosses(points[e[i]], points[e[(i + 1) % 3]], points[f[0]], points[f[1]], points[f[2]]) ? 1 : 0;
         }
       }
