@@ -198,14 +198,20 @@ struct RunFiles::Impl {
 
   // On the visual loop's thread; the others are done when the rows are written.
   void attachments(const World& world, const VisualRecord& r) {
+    std::size_t at = 0;
     for (int b = 0; b < world.bodies(); ++b) {
       const Body body = world.body(b);
       if (body.model.attachments().empty()) continue;
       const std::vector<AttachmentForce> forces = body.system.attachmentForces();
-      for (std::size_t k = 0; k < forces.size(); ++k) {
-        const std::string& name = body.model.attachments()[k].name;
-        attachment_rows.push_back({r.time, body.model.name(), name, forces[k]});
-        if (r.step.failed()) attachment_rows.back().force.force.setConstant(std::nan(""));
+      for (std::size_t k = 0; k < forces.size(); ++k, ++at) {
+        if (at == attached.size()) attached.push_back({body.model.name(), body.model.attachments()[k].name});
+        attachment_rows.push_back({r.time, at, forces[k]});
+        if (r.step.failed()) {
+          attachment_rows.back().force.force.setConstant(std::nan(""));
+          continue;
+        }
+        attached[at].peak = std::max(attached[at].peak, forces[k].force.norm());
+        attached[at].last = forces[k].force;
       }
     }
   }
@@ -214,32 +220,12 @@ struct RunFiles::Impl {
     if (attachment_rows.empty()) return;
     CsvWriter csv(folder.stage("attachments.csv"), kAttachmentColumns);
     for (const AttachmentRow& row : attachment_rows) {
-      csv.cell(row.time).cell(row.body.c_str()).cell(row.attachment.c_str());
+      csv.cell(row.time).cell(attached[row.attachment].body.c_str()).cell(attached[row.attachment].name.c_str());
       for (int k = 0; k < 3; ++k) csv.cell(row.force.force[k]);
       for (int k = 0; k < 3; ++k) csv.cell(row.force.moment[k]);
       csv.endRow();
     }
     csv.close();
-  }
-
-  struct AttachmentSummary {
-    std::string body, attachment;
-    double peak = 0;
-    Vec3 last = Vec3::Zero();
-  };
-  std::vector<AttachmentSummary> attachmentSummaries() const {
-    std::vector<AttachmentSummary> out;
-    for (const AttachmentRow& row : attachment_rows) {
-      const auto same = [&](const AttachmentSummary& s) {
-        return s.body == row.body && s.attachment == row.attachment;
-      };
-      auto at = std::find_if(out.begin(), out.end(), same);
-      if (at == out.end()) at = out.insert(out.end(), {row.body, row.attachment, 0, Vec3::Zero()});
-      if (!row.force.force.allFinite()) continue;
-      at->peak = std::max(at->peak, row.force.force.norm());
-      at->last = row.force.force;
-    }
-    return out;
   }
 
   double maxOf(const std::vector<double>& v) const { return v.empty() ? 0.0 : *std::max_element(v.begin(), v.end()); }
@@ -307,11 +293,9 @@ struct RunFiles::Impl {
     j["force"] = {{"peak_N", peak_force},
                   {"rms_N", ticks > 0 ? std::sqrt(force_squares / static_cast<double>(ticks)) : 0.0},
                   {"delivered_J", outcome.delivered_energy}};
-    for (const AttachmentSummary& a : attachmentSummaries()) {
-      j["attachments"].push_back({{"body", a.body},
-                                  {"name", a.attachment},
-                                  {"peak_N", a.peak},
-                                  {"last_N", {a.last.x(), a.last.y(), a.last.z()}}});
+    for (const Attached& a : attached) {
+      j["attachments"].push_back(
+          {{"body", a.body}, {"name", a.name}, {"peak_N", a.peak}, {"last_N", {a.last.x(), a.last.y(), a.last.z()}}});
     }
     const SwitchAccount& account = outcome.switches;
     if (account.dissipated() > 0) {
@@ -421,9 +405,14 @@ struct RunFiles::Impl {
     return plot;
   }
 
+  struct Attached {
+    std::string body, name;
+    double peak = 0;           // [N]
+    Vec3 last = Vec3::Zero();  // [N]
+  };
   struct AttachmentRow {
     double time;
-    std::string body, attachment;
+    std::size_t attachment;  // index of attached
     AttachmentForce force;
   };
 
@@ -441,6 +430,7 @@ struct RunFiles::Impl {
   std::vector<double> step_time, step_ms, step_ms_contact, linearization_ms, linearization_ms_contact, active, contacts,
       sliding, penetration_mm, kinetic, elastic;
   std::vector<std::vector<std::string>> rows;
+  std::vector<Attached> attached;
   std::vector<AttachmentRow> attachment_rows;
 };
 
@@ -492,8 +482,8 @@ void RunFiles::finish(const BuiltScene& scene, const RunOutcome& outcome, const 
     add(fmt::format("force held at the device's {:g} N", i.config.device.limits.peak_force),
         fmt::format("{:.1f}", 100 * share), "% of ticks");
   }
-  for (const Impl::AttachmentSummary& a : i.attachmentSummaries()) {
-    add(fmt::format("{} held by {}: peak", a.body, a.attachment), plain({a.peak}), "N");
+  for (const Impl::Attached& a : i.attached) {
+    add(fmt::format("{} held by {}: peak", a.body, a.name), plain({a.peak}), "N");
   }
   for (std::size_t k = 0; k < pictures.images.size(); ++k) {
     i.writePng(fmt::format("picture-{}.png", k + 1), pictures.images[k].png);

@@ -47,19 +47,22 @@ Handle makeHandle(const std::string& name, const std::vector<int>& nodes, const 
     for (const Vec3& p : positions) center += p / static_cast<double>(positions.size());
   }
   h.start.pose = {center, rotation.normalized()};
-  constexpr double kLeastRadius = 0.01;  // a handle is never smaller than what fingers hold
-  double radius = kLeastRadius;
+  double radius = kLeastHandleRadius;
   for (std::size_t i = 0; i < nodes.size(); ++i) {
     const Vec3 r = h.start.pose.rotation.conjugate() * (positions[i] - center);
     h.offsets.push_back(r);
     h.attached_inertia += masses[i] * (r.squaredNorm() * Mat3::Identity() - r * r.transpose());
     radius = std::max(radius, r.norm());
   }
-  h.mass = own_mass + h.attached_mass;
-  const double ball = 0.4 * own_mass * radius * radius;
-  h.inertia = h.attached_inertia;
-  for (int k = 0; k < 3; ++k) h.inertia(k, k) += own_inertia[k] > 0 ? own_inertia[k] : ball;
+  addOwnMass(own_mass, own_inertia, radius, h);
   return h;
+}
+
+void addOwnMass(double own_mass, const Vec3& own_inertia, double radius, Handle& handle) {
+  handle.mass = own_mass + handle.attached_mass;
+  const double ball = 0.4 * own_mass * radius * radius;
+  handle.inertia = handle.attached_inertia;
+  for (int k = 0; k < 3; ++k) handle.inertia(k, k) += own_inertia[k] > 0 ? own_inertia[k] : ball;
 }
 
 Handle handleOnNodes(const std::string& name, const std::vector<int>& nodes, const std::vector<Vec3>& positions,

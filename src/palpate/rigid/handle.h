@@ -36,6 +36,13 @@ struct Handle {
   Vec3 nodeVelocity(int k, const HandleState& state) const;
 };
 
+/// No handle is smaller than what fingers hold [m].
+inline constexpr double kLeastHandleRadius = 0.01;
+
+/// Mass and inertia of the handle itself on top of what is attached to it.
+/// @param own_inertia  diagonal, handle's frame [kg m^2]; where not positive, that of a ball of this radius [m]
+void addOwnMass(double own_mass, const Vec3& own_inertia, double radius, Handle& handle);
+
 /// Handle on the given nodes.
 /// @param positions  of the attached nodes [m], world
 /// @param masses     of the attached nodes [kg]

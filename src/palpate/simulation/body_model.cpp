@@ -86,11 +86,7 @@ void BodyModel::holdRigid(const std::string& name, double own_mass, const Vec3& 
   for (Vec3& offset : handle.offsets) offset = (turn.transpose() * offset).eval();
   handle.start.pose.rotation = rotation.normalized();
   handle.attached_inertia = turn.transpose() * handle.attached_inertia * turn;
-  constexpr double kRadius = 0.01;  // [m], of what fingers hold
-  const double ball = 0.4 * own_mass * kRadius * kRadius;
-  handle.inertia = handle.attached_inertia;
-  for (int k = 0; k < 3; ++k) handle.inertia(k, k) += own_inertia[k] > 0 ? own_inertia[k] : ball;
-  handle.mass += own_mass;
+  addOwnMass(own_mass, own_inertia, kLeastHandleRadius, handle);
   held_ = true;
 }
 
@@ -164,6 +160,7 @@ VecX BodyModel::anchors(double time) const {
     if (!a.motion) continue;
     const Pose moved = a.motion(time);
     for (const int n : a.nodes) {
+      if (!a.fixed() && fixed_[n] != 0) continue;
       out.segment<3>(3 * n) = a.middle + moved.position + moved.rotation * (mesh_.mesh.nodes[n] - a.middle);
     }
   }

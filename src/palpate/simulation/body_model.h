@@ -68,7 +68,7 @@ class BodyModel {
   const VecX& springStiffness() const { return spring_stiffness_; }          ///< of each node [N/m]; empty: no springs
   const VecX& springDamping() const { return spring_damping_; }              ///< of each node [N s/m]
   bool driven() const { return driven_; }                                    ///< an attachment moves
-  /// Where the world has its ends of attachments at a time, as built elsewhere; 3 a node [m].
+  /// Where the world has its ends of attachments at a time; elsewhere the nodes as built; 3 a node [m].
   VecX anchors(double time) const;
   double springEnergy(const VecX& x, const VecX& anchors) const;          ///< [J]
   const std::vector<int>& boundaryElements() const { return boundary_; }  ///< touch attached and free nodes

@@ -180,7 +180,7 @@ void BodySystem::assembleRightSides() {
     assembleHandle();
   }
   if (!model_->driven()) return;
-  const VecX loads = drivenLoads();
+  const VecX loads = besideFixed([&](int n) { return model_->isFixed(n) ? fixedVelocity(n) : Vec3(Vec3::Zero()); });
   for (int r = 0; r < model_->freeNodes(); ++r) {
     rhs_.col(columns - 1).segment<3>(3 * r) -= loads.segment<3>(3 * model_->free()[r]);
   }
@@ -188,14 +188,15 @@ void BodySystem::assembleRightSides() {
   for (const int n : handle().nodes) b_h_ -= jacobian(n).transpose() * loads.segment<3>(3 * n);
 }
 
-VecX BodySystem::drivenLoads() const {
+// c K v of the elements that touch fixed nodes, all nodes [N s].
+template <class Velocity>
+VecX BodySystem::besideFixed(Velocity velocity) const {
   VecX loads = VecX::Zero(3 * model_->nodes());
   for (const int index : model_->fixedElements()) {
     const ElasticElement& e = model_->elasticity().elements()[index];
     const auto c = e.rotatedGradients(state_->elastic.rotations[index]);
     for (int j = 0; j < 4; ++j) {
-      if (!model_->isFixed(e.node[j])) continue;
-      const Vec3 v = c_ * state_->elastic.stiffness_scale * fixedVelocity(e.node[j]);
+      const Vec3 v = c_ * state_->elastic.stiffness_scale * velocity(e.node[j]);
       for (int i = 0; i < 4; ++i) loads.segment<3>(3 * e.node[i]) += e.stiffness(c, i, j) * v;
     }
   }
@@ -683,7 +684,7 @@ bool BodySystem::canMove(const ContactPoint& point) const {
 Eigen::Matrix<double, 3, 6> BodySystem::attachedJacobian(const ContactPoint& point) const {
   Eigen::Matrix<double, 3, 6> g = Eigen::Matrix<double, 3, 6>::Zero();
   for (int k = 0; k < point.count; ++k) {
-    if (row(point.node[k]) < 0) g += point.weight[k] * jacobian(point.node[k]);
+    if (model_->attachedIndex()[point.node[k]] >= 0) g += point.weight[k] * jacobian(point.node[k]);
   }
   return g;
 }
@@ -740,7 +741,7 @@ Vec3 BodySystem::arcOffset(const ContactPoint& point, const VecX& x_end) const {
   Vec3 offset = Vec3::Zero();
   for (int k = 0; k < point.count; ++k) {
     const int node = point.node[k];
-    if (row(node) >= 0) continue;
+    if (model_->attachedIndex()[node] < 0) continue;
     const Vec3 straight = input_.step * (jacobian(node) * u_end_);
     offset += point.weight[k] * (x_end.segment<3>(3 * node) - x0_.segment<3>(3 * node) - straight);
   }
@@ -752,18 +753,7 @@ Vec3 BodySystem::arcOffset(const ContactPoint& point, const VecX& x_end) const {
 std::vector<std::vector<Vec3>> BodySystem::nodeAttachmentForces() const {
   const double h = input_.step;
   const ElasticMesh& fem = model_->elasticity();
-  VecX on_node = VecX::Zero(3 * model_->nodes());
-  for (const int index : model_->fixedElements()) {
-    const ElasticElement& e = fem.elements()[index];
-    const auto c = e.rotatedGradients(state_->elastic.rotations[index]);
-    for (int i = 0; i < 4; ++i) {
-      if (!model_->isFixed(e.node[i])) continue;
-      for (int j = 0; j < 4; ++j) {
-        on_node.segment<3>(3 * e.node[i]) +=
-            c_ / h * state_->elastic.stiffness_scale * (e.stiffness(c, i, j) * nodeEndVelocity(e.node[j]));
-      }
-    }
-  }
+  const VecX loads = besideFixed([&](int n) { return nodeEndVelocity(n); });
   std::vector<std::vector<Vec3>> out;
   for (const Attachment& attachment : model_->attachments()) {
     std::vector<Vec3>& forces = out.emplace_back();
@@ -773,7 +763,7 @@ std::vector<std::vector<Vec3>> BodySystem::nodeAttachmentForces() const {
       if (attachment.fixed()) {
         const Vec3 inertia = fem.mass()[n] * ((v - start_velocities_.segment<3>(3 * n)) / h +
                                               fem.material().damping_alpha * v - input_.gravity);
-        forces.push_back(on_node.segment<3>(3 * n) - f_.segment<3>(3 * n) + inertia);
+        forces.push_back(loads.segment<3>(3 * n) / h - f_.segment<3>(3 * n) + inertia);
         if (on_fixed_.size() > 0) forces.back() -= on_fixed_.segment<3>(3 * n) / h;
       } else if (row(n) >= 0) {
         const auto at = static_cast<Eigen::Index>(k);

@@ -168,8 +168,6 @@ class BodySystem {
   std::vector<AttachmentForce> attachmentForces() const;
   /// Work that driven attachments did in it [J].
   double attachmentWork() const;
-  /// c K v of fixed nodes' velocities on a node's row, all nodes [N s].
-  VecX drivenLoads() const;
   /// The state was set from outside: nothing found ahead of the next step holds.
   void forget() {
     ahead_.clear();
@@ -200,9 +198,7 @@ class BodySystem {
   int row(int node) const { return model_->row()[node]; }
   const Handle& handle() const { return model_->handle(); }
   /// G_i at the start pose of a node on the handle.
-  /// Of a fixed node: zero.
   Eigen::Matrix<double, 3, 6> jacobian(int node) const {
-    if (model_->isFixed(node)) return Eigen::Matrix<double, 3, 6>::Zero();
     return handle().jacobian(model_->attachedIndex()[node], start_.pose);
   }
   /// Where the attached nodes are in the positions that A is of.
@@ -220,6 +216,8 @@ class BodySystem {
   void addPull(int element);
   void assembleHandle();
   Vec6 handleWrench() const;
+  template <class Velocity>
+  VecX besideFixed(Velocity velocity) const;
   std::vector<std::vector<Vec3>> nodeAttachmentForces() const;
   void addLink(Vec6& wrench);
   Eigen::Matrix<double, 3, 6> attachedJacobian(const ContactPoint& point) const;

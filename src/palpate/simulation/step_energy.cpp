@@ -11,16 +11,11 @@ StepWork workOn(const BodySystem& system, const BodyState& end) {
   const VecX& start = system.startPositions();
   StepWork work;
   Vec3 moment = Vec3::Zero();  // mass times displacement
-  for (const int i : model.free()) {
+  for (int i = 0; i < model.nodes(); ++i) {
+    if (model.attachedIndex()[i] >= 0) continue;
     moment += model.elasticity().mass()[i] * (end.positions.segment<3>(3 * i) - start.segment<3>(3 * i));
   }
-  if (model.driven()) {
-    for (int i = 0; i < model.nodes(); ++i) {
-      if (!model.isFixed(i)) continue;
-      moment += model.elasticity().mass()[i] * (end.positions.segment<3>(3 * i) - start.segment<3>(3 * i));
-    }
-    work.add(system.attachmentWork());
-  }
+  if (model.driven()) work.add(system.attachmentWork());
   if (model.framed()) {
     moment += model.handle().mass * (end.handle.pose.position - system.startPose().position);
   }
