@@ -31,7 +31,9 @@ void printBody(const Body& body) {
              body.model.totalMass(), body.model.held() ? " with its handle" : "", place(box.low), place(box.high));
   for (const Attachment& a : body.model.attachments()) {
     fmt::print("  {}: {} nodes around {} m, {}{}\n", a.name, a.nodes.size(), place(a.middle),
-               a.fixed() ? "fixed" : fmt::format("springs of {:.3g} N/m together", a.stiffness.sum()),
+               a.fixed()   ? "fixed"
+               : a.glued ? "glued"
+                         : fmt::format("springs of {:.3g} N/m together", a.stiffness.sum()),
                a.motion ? ", driven" : "");
   }
 }

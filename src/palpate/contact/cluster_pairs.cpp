@@ -107,7 +107,7 @@ void SurfacePairFinder::testClusters(PairSearch& s, NodePair leaves, Workspace& 
     }
   };
   const bool same = s.self() && ca == cb;
-  s.may_exclude = s.self() && s.exclusion->touchesClusters(ca, cb);
+  s.may_exclude = s.left_out != nullptr || (s.self() && s.exclusion->touchesClusters(ca, cb));
   s.clearance = std::numeric_limits<float>::infinity();
   MovingBox around_a, around_b;
   gather(s.a, ca, s.b.nodeBox(leaves.b), workspace.a, around_a);

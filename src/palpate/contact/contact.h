@@ -48,8 +48,10 @@ struct ContactFeatures {
   bool operator==(const ContactFeatures&) const = default;
 };
 
-/// One unilateral contact with friction: gap + h normal . (v_first - v_second) >= 0.
+/// One unilateral contact with friction: gap + h normal . (v_first - v_second) >= 0; or two places that are glued: the
+/// same as an equality, and likewise along both tangents.
 struct Contact {
+  static constexpr int kGlue = -2;  ///< as a partner
   std::uint64_t key = 0;    ///< of the pair of features
   std::uint64_t track = 0;  ///< of what persists while features slide on each other; carries impulses over to next step
   ContactFeatures features;
@@ -60,7 +62,8 @@ struct Contact {
   Vec3 tangent2;
   double gap = 0;       ///< at the start of the step, linearized along the normal [m]
   bool capped = false;  ///< gap is not the true one but what may be recovered in a step: it does not follow the pose
-  double friction = 0;  ///< Coulomb coefficient
+  std::array<double, 2> tangent_gap{};  ///< along the tangents, of what is glued [m]
+  double friction = 0;                  ///< Coulomb coefficient
   std::uint64_t patch = 0;  ///< points of one patch move affinely against each other (as long as their normals agree)
   int partner = 0;          ///< obstacle, or surface of the other body: contacts of one pair of surfaces share it
   Vec3 position;            ///< of the point at the end of the (predicted) step [m]
@@ -69,6 +72,7 @@ struct Contact {
   double slack = 0;         ///< end gaps down to -slack need no further pass [m]
   double impact_time = 1;   ///< in (0, 1): at that share of the predicted motion one surface would meet the other
   bool crosses() const { return impact_time < 1; }
+  bool glued() const { return partner == kGlue; }
 
   /// Rows normal, tangent1, tangent2.
   Mat3 frame() const {

@@ -30,7 +30,11 @@ struct VertexFaces {
   const CollisionSurface& sv;
   const CollisionSurface& sf;
 
-  bool excluded(int v, int face) const { return s.excluded({v, -1, -1}, sf.triangles()[static_cast<size_t>(face)]); }
+  bool excluded(int v, int face) const {
+    const std::array<int, 3> vertex{v, -1, -1};
+    const auto& f = sf.triangles()[static_cast<size_t>(face)];
+    return &sv == &s.a ? s.excluded(vertex, f) : s.excluded(f, vertex);
+  }
   TrianglePoint closest(int v, int face, double t) const;
   /// Bound of how far the vertex moves relative to any point of the face.
   double travel(int v, int face) const;

@@ -7,6 +7,7 @@
 
 #include "palpate/contact/collision_surface.h"
 #include "palpate/contact/feature_pair.h"
+#include "palpate/contact/pair_exclusion.h"
 #include "palpate/contact/pair_front.h"
 #include "palpate/contact/self_exclusion.h"
 
@@ -22,6 +23,7 @@ struct PairSearch {
   std::vector<FeaturePair>* out;
 
   PairFront* front = nullptr;
+  const PairExclusion* left_out = nullptr;  ///< of a search between two surfaces, null: nothing
   double relative = 0;       ///< bound of how far vertices move relative to each other [m]
   bool may_exclude = false;  ///< among the features of the present clusters
   float clearance = 0;       ///< no two triangles of the present clusters start nearer to each other [m]
@@ -31,8 +33,9 @@ struct PairSearch {
   double first_hit = std::numeric_limits<double>::infinity();
 
   bool self() const { return exclusion != nullptr; }
+  /// @param p, q  vertices of features of a and of b
   bool excluded(const std::array<int, 3>& p, const std::array<int, 3>& q) const {
-    return exclusion != nullptr && exclusion->excludes(p, q);
+    return (exclusion != nullptr && exclusion->excludes(p, q)) || (left_out != nullptr && left_out->excludes(p, q));
   }
   /// What some axis keeps the boxes apart by at the start and at the end, hence throughout.
   static float gap(const MovingBox& p, const MovingBox& q) {

@@ -128,6 +128,30 @@ void SurfaceContacts::addObstacle(int obstacle, const Surface& surface) {
   pairs_.resize(items_.size() * (items_.size() - 1) / 2);
 }
 
+// Number of items: the body has no surface.
+std::size_t SurfaceContacts::itemOf(int body) const {
+  const auto at = std::find_if(items_.begin(), items_.end(), [&](const Item& i) { return i.body == body; });
+  return static_cast<std::size_t>(at - items_.begin());
+}
+
+void SurfaceContacts::leaveOut(int first, const std::vector<char>& marks, int second, double near) {
+  const std::size_t a = itemOf(first), b = itemOf(second);
+  if (a == b || a == items_.size() || b == items_.size()) return;
+  const std::vector<char> others = marksNear(items_[a].surface, marks, items_[b].surface, near);
+  PairExclusion& out = pair(std::min(a, b), std::max(a, b)).left_out;
+  const auto add = [](const std::vector<char>& more, std::vector<char>& to) {
+    to.resize(more.size(), 0);
+    for (std::size_t v = 0; v < more.size(); ++v) to[v] = static_cast<char>(to[v] | more[v]);
+  };
+  add(a < b ? marks : others, out.first);
+  add(a < b ? others : marks, out.second);
+}
+
+const PairExclusion* SurfaceContacts::leftOut(int first, int second) const {
+  const std::size_t a = itemOf(first), b = itemOf(second);
+  return a < b && b < items_.size() ? pair(a, b).leftOut() : nullptr;
+}
+
 bool SurfaceContacts::active() const {
   const auto moving = std::count_if(items_.begin(), items_.end(), [](const Item& i) { return i.body >= 0; });
   return moving > 0 && (items_.size() > 1 || items_.front().self);
@@ -297,6 +321,9 @@ void SurfaceContacts::examineOverlaps(bool trouble) {
       refit(items_[b]);
       state.points.clear();
       findOverlaps(items_[a].surface, items_[b].surface, state.points);
+      if (const PairExclusion* left_out = state.leftOut()) {
+        std::erase_if(state.points, [&](const OverlapPoint& p) { return left_out->excludes(p); });
+      }
       state.may_overlap = !state.points.empty();
       for (const OverlapPoint& p : state.points) overlap_ = std::max(overlap_, p.depth);
     }
@@ -548,7 +575,8 @@ void SurfaceContacts::findSelf(std::size_t i, const ContactSettings& settings, c
 void SurfaceContacts::findPair(std::size_t first, std::size_t second, PairState& state, const ContactSettings& settings,
                                const FrictionTable& friction, std::vector<Contact>& out) {
   found_.clear();
-  finder_.find(items_[first].surface, items_[second].surface, settings.surfaceReach(), found_, &state.front);
+  finder_.find(items_[first].surface, items_[second].surface, settings.surfaceReach(), found_, &state.front,
+               state.leftOut());
   keepDependable();
   const double mu = friction(id(items_[first]), id(items_[second]));
   for (const FeaturePair& p : found_) add(first, second, p, settings, mu, !state.points.empty(), out);

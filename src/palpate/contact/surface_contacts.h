@@ -8,6 +8,7 @@
 #include "palpate/contact/contact_settings.h"
 #include "palpate/contact/friction_table.h"
 #include "palpate/contact/overlap.h"
+#include "palpate/contact/pair_exclusion.h"
 #include "palpate/contact/surface_pairs.h"
 #include "palpate/mesh/embedding_map.h"
 #include "palpate/mesh/types.h"
@@ -33,6 +34,13 @@ class SurfaceContacts {
   void addBody(int body, const SimulationMesh& mesh, bool self);
   /// Fixed surface, in world coordinates.
   void addObstacle(int obstacle, const Surface& surface);
+  /// Two bodies whose surfaces do not touch at some place: features around marked vertices of the first, and what is
+  /// as near as that to these on the second where both now start.
+  /// @param marks  of each vertex of the first body's surface
+  /// @param near   [m]
+  void leaveOut(int first, const std::vector<char>& marks, int second, double near);
+  /// What is left out between two bodies, of which the first was added before the second; null: nothing.
+  const PairExclusion* leftOut(int first, int second) const;
   /// Whether there is anything to find.
   bool active() const;
 
@@ -97,9 +105,13 @@ class SurfaceContacts {
     bool may_overlap = true;
     std::vector<OverlapPoint> points;
     PairFront front;
+    PairExclusion left_out;
+    const PairExclusion* leftOut() const { return left_out.first.empty() ? nullptr : &left_out; }
   };
   using Corners = std::vector<Eigen::Vector4d, Eigen::aligned_allocator<Eigen::Vector4d>>;
   PairState& pair(std::size_t a, std::size_t b) { return pairs_[b * (b - 1) / 2 + a]; }
+  const PairState& pair(std::size_t a, std::size_t b) const { return pairs_[b * (b - 1) / 2 + a]; }
+  std::size_t itemOf(int body) const;
   static int id(const Item& item);
   template <class Put>
   void place(const Item& item, const VecX& x, Put put);

@@ -18,10 +18,11 @@ float startDistance(const MovingBox& p, const MovingBox& q) {
 }  // namespace
 
 void SurfacePairFinder::find(const CollisionSurface& a, const CollisionSurface& b, double reach,
-                             std::vector<FeaturePair>& out, PairFront* front) {
+                             std::vector<FeaturePair>& out, PairFront* front, const PairExclusion* left_out) {
   if (a.nodes().empty() || b.nodes().empty()) return;
   PairSearch s{a, b, nullptr, settings_, reach, &out};
   s.front = front;
+  s.left_out = left_out;
   search(s);
 }
 

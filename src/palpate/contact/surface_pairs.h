@@ -36,9 +36,10 @@ class SurfacePairFinder {
 
   /// Pairs between two surfaces, in an order that depends on the features alone; appends. Both must be refitted.
   /// @param reach  > 0 [m]
-  /// @param front  of earlier searches with these surfaces
+  /// @param front     of earlier searches with these surfaces
+  /// @param left_out  what is not looked at
   void find(const CollisionSurface& a, const CollisionSurface& b, double reach, std::vector<FeaturePair>& out,
-            PairFront* front = nullptr);
+            PairFront* front = nullptr, const PairExclusion* left_out = nullptr);
   /// Pairs within one surface; appends.
   void findSelf(const CollisionSurface& a, const SelfExclusion& exclusion, double reach, std::vector<FeaturePair>& out,
                 PairFront* front = nullptr);

@@ -68,15 +68,17 @@ std::vector<char> reached(const ContactSet& set, const std::vector<int>& island,
 // of the model (paper, section 3.5): they are taken to go their way whatever the tool does. Their compliance alone,
 // without what holds them, would let a body that stands on the ground float away under the tool.
 // `hsl-exact`: of the tool's island, as through W a contact of the tool answers for those of the bodies that it pushes.
-// What other islands do does not depend on the handle. A rigid tool has nothing of its own that yields, so `hsl` is
-// `hsl-exact` for it.
+// What other islands do does not depend on the handle. A rigid tool has nothing of its own that yields, and of one that
+// is glued the rows act together, so `hsl` is `hsl-exact` for them.
 ActiveContacts activeContacts(const World& world, const LinearizationSettings& settings) {
   ActiveContacts out;
   const ContactSet& set = world.contacts();
   const BodyContactRows* own = world.toolRows();
-  if (set.active() == 0 || own == nullptr || own->contacts.empty()) return out;
+  if (own == nullptr || own->contacts.empty()) return out;
+  const bool glued = set.contacts[own->contacts.front()].glued();  // those come first
+  if (set.active() == 0 && !glued) return out;
   const ContactIsland& island = set.islands[set.island[own->contacts.front()]];
-  const bool diagonal = settings.delassus == DelassusModel::diagonal && !world.tool().model.isRigid();
+  const bool diagonal = settings.delassus == DelassusModel::diagonal && !world.tool().model.isRigid() && !glued;
   out.own = own;
   out.model = diagonal ? DelassusModel::diagonal : DelassusModel::exact;
   out.list.contacts = diagonal ? own->contacts : island.contacts;

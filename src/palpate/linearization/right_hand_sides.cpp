@@ -128,8 +128,9 @@ RightHandSides differentiateRightHandSides(const World& world, const ActiveConta
     out.free_rows = scale * (active.handle - active.z).transpose();
     out.given.setZero(active.list.rows(), 12);
     for (Eigen::Index r = 0; r < out.given.rows(); r += 3) {
-      const bool capped = world.contacts().contacts[active.list.contacts[r / 3]].capped;
-      if (!capped) out.given.row(r).head<6>() = -active.handle.col(r).transpose() / h;
+      const Contact& c = world.contacts().contacts[active.list.contacts[r / 3]];
+      const Eigen::Index rows = c.capped ? 0 : c.glued() ? 3 : 1;
+      out.given.block(r, 0, rows, 6) = -active.handle.middleCols(r, rows).transpose() / h;
     }
   }
   if (settings.derivative == Derivative::full) addTurning(world, active, forces, out);

@@ -202,6 +202,7 @@ void StateReader::read(const World& world, double h, bool stress, SceneState& ou
   const ContactSet& set = world.contacts();
   for (std::size_t c = 0; c < set.contacts.size(); ++c) {
     const Contact& contact = set.contacts[c];
+    if (contact.glued()) continue;
     const Vec3 force = contact.frame().transpose() * set.impulse.segment<3>(3 * static_cast<Eigen::Index>(c)) / h;
     for (const Vec3& v : {contact.position, contact.normal, force}) {
       for (int k = 0; k < 3; ++k) out.contacts.push_back(static_cast<float>(v[k]));

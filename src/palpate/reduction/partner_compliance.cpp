@@ -1,5 +1,7 @@
 #include "palpate/reduction/partner_compliance.h"
 
+#include <algorithm>
+
 #include "palpate/math/decompositions.h"
 
 namespace palpate {
@@ -34,29 +36,80 @@ MatX gramOf(BodySystem& system, const std::vector<NodeSum>& sums) {
   return 0.5 * (out + out.transpose());
 }
 
-}  // namespace
+// Leaves of W the rows of the first sums, with all others held.
+MatX tied(const MatX& w, Eigen::Index m) {
+  const Eigen::Index ties = w.rows() - m;
+  MatX own = w.topLeftCorner(m, m);
+  if (ties == 0) return own;
+  MatX held = w.bottomRightCorner(ties, ties);
+  held.diagonal().array() += 1e-6 * held.diagonal().mean();
+  own -= w.topRightCorner(m, ties) * solveSymmetric(held, w.bottomLeftCorner(ties, m));
+  return own;
+}
 
-void addPartnerCompliance(World& world, int body, const std::vector<NodeSum>& sums, MatX& out) {
-  BodySystem& system = world.body(body).system;
+NodeSum nodesOf(const ContactPoint& point, double sign) {
+  NodeSum out;
+  for (int k = 0; k < point.count; ++k) out.nodes.emplace_back(point.node[k], sign * point.weight[k]);
+  return out;
+}
+
+bool involves(const Contact& c, int body) { return c.first.body == body || c.second.body == body; }
+
+// Bodies that loaded glue joins to this one, itself first.
+std::vector<int> gluedTo(const std::vector<Contact>& loaded, int body) {
+  std::vector<int> out{body};
+  for (std::size_t k = 0; k < out.size(); ++k) {
+    for (const Contact& c : loaded) {
+      if (!c.glued() || !involves(c, out[k])) continue;
+      const int other = c.first.body == out[k] ? c.second.body : c.first.body;
+      if (std::find(out.begin(), out.end(), other) == out.end()) out.push_back(other);
+    }
+  }
+  return out;
+}
+
+// Of several bodies that are glued: their own, the joints' rows and those of what else they touch held at zero [m/N].
+MatX gluedCompliance(World& world, const std::vector<int>& bodies, const std::vector<NodeSum>& sums) {
+  std::vector<const Contact*> ties;
+  for (const Contact& c : world.state().contacts.loaded) {
+    if (involves(c, world.toolIndex())) continue;
+    if (std::any_of(bodies.begin(), bodies.end(), [&](int b) { return involves(c, b); })) ties.push_back(&c);
+  }
+  const auto rows = static_cast<Eigen::Index>(3 * (sums.size() + ties.size()));
+  MatX w = MatX::Zero(rows, rows);
+  for (const int b : bodies) {
+    std::vector<NodeSum> own(sums.size());
+    if (b == bodies.front()) own = sums;
+    for (const Contact* c : ties) {
+      own.push_back(c->first.body == b ? nodesOf(c->first, 1.0) : NodeSum{});
+      if (c->second.body != b) continue;
+      const NodeSum second = nodesOf(c->second, -1.0);
+      own.back().nodes.insert(own.back().nodes.end(), second.nodes.begin(), second.nodes.end());
+    }
+    BodySystem& system = world.body(b).system;
+    w += system.stiffnessScale() * gramOf(system, own);
+  }
+  return tied(w, static_cast<Eigen::Index>(3 * sums.size()));
+}
+
+// Of one body [m/N].
+MatX ownCompliance(World& world, int body, const std::vector<NodeSum>& sums) {
   const int tool = world.toolIndex();
   std::vector<NodeSum> all = sums;
   for (const Contact& c : world.state().contacts.loaded) {
-    const ContactPoint* own = c.first.body == body ? &c.first : c.second.body == body ? &c.second : nullptr;
-    if (own == nullptr || c.first.body == tool || c.second.body == tool) continue;
-    NodeSum tie;
-    for (int k = 0; k < own->count; ++k) tie.nodes.emplace_back(own->node[k], own->weight[k]);
-    all.push_back(std::move(tie));
+    if (!involves(c, body) || involves(c, tool)) continue;
+    all.push_back(nodesOf(c.first.body == body ? c.first : c.second, 1.0));
   }
-  MatX w = gramOf(system, all);
-  const auto m = static_cast<Eigen::Index>(3 * sums.size()), ties = w.rows() - m;
-  MatX own = w.topLeftCorner(m, m);
-  if (ties > 0) {
-    MatX tied = w.bottomRightCorner(ties, ties);
-    tied.diagonal().array() += 1e-6 * tied.diagonal().mean();
-    own -= w.topRightCorner(m, ties) * solveSymmetric(tied, w.bottomLeftCorner(ties, m));
-  }
+  BodySystem& system = world.body(body).system;
+  return tied(gramOf(system, all), static_cast<Eigen::Index>(3 * sums.size())) * system.stiffnessScale();
+}
+
+}  // namespace
+
+void addPartnerCompliance(World& world, int body, const std::vector<NodeSum>& sums, MatX& out) {
   // impulse to velocity becomes force to displacement: in a step dx = h dv, dlambda = h df, and c = h (h + beta)
-  own *= system.stiffnessScale();
+  const std::vector<int> together = gluedTo(world.state().contacts.loaded, body);
+  const MatX own = together.size() > 1 ? gluedCompliance(world, together, sums) : ownCompliance(world, body, sums);
   for (std::size_t i = 0; i < sums.size(); ++i) {
     for (std::size_t j = 0; j < sums.size(); ++j) {
       out.block<3, 3>(sums[i].row, sums[j].row) +=

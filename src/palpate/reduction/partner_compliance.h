@@ -14,7 +14,8 @@ struct NodeSum {
 };
 
 /// How much another body gives way at the given places over a visual step, W = h' J A^-1 J^T with the factor of its
-/// last step [m/N]. What else it rests on holds it: its loaded contacts with others than the tool are tied.
+/// last step [m/N]. What else it rests on holds it: its loaded contacts with others than the tool are tied. Bodies that
+/// are glued to it yield with it.
 /// @param out  is added to, [3 m x 3 m], world frame
 void addPartnerCompliance(World& world, int body, const std::vector<NodeSum>& sums, MatX& out);
 

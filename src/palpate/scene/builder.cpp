@@ -22,6 +22,7 @@
 #include "palpate/scene/limits.h"
 #include "palpate/scene/method.h"
 #include "palpate/scene/region.h"
+#include "palpate/scene/text.h"
 #include "palpate/threads/stage_teller.h"
 
 namespace palpate {
@@ -139,6 +140,7 @@ Attachment buildAttachment(const AttachmentConfig& config, const BodyConfig& bod
     throw InputError(body.name + ": attachment " + config.name, "region",
                      fmt::format("holds {}, which lies from {} to {} m at rest", what, text(box.low), text(box.high)));
   };
+  out.glued = !config.to.empty();
   if (!config.stiffness) {
     out.nodes = nodesWhere(rest.mesh.nodes, [&](const Vec3& p) { return contains(region, p); });
     if (out.nodes.empty()) fail("no node of the body's simulation mesh");
@@ -291,6 +293,27 @@ void setFrictionPairs(const SceneConfig& config, World& world) {
   for (const FrictionPairConfig& p : config.contact.pairs) world.setFriction(find(p.first), find(p.second), p.value);
 }
 
+// What bodies are glued to, by their names.
+void glueBodies(const SceneConfig& config, World& world) {
+  std::vector<const BodyConfig*> bodies{&config.tool};
+  for (const FreeBodyConfig& b : config.bodies) bodies.push_back(&b);
+  std::vector<std::string> names;
+  for (const BodyConfig* b : bodies) names.push_back(b->name);
+  for (std::size_t i = 0; i < bodies.size(); ++i) {
+    for (std::size_t k = 0; k < bodies[i]->attachments.size(); ++k) {
+      const AttachmentConfig& a = bodies[i]->attachments[k];
+      if (a.to.empty()) continue;
+      const auto at = std::find(names.begin(), names.end(), a.to);
+      if (at == names.end()) {
+        throw InputError(bodies[i]->name + ": attachment " + a.name, "to",
+                         fmt::format("there is no body {}; the nearest is \"{}\"", shownText(a.to),
+                                     nearestWord(a.to, names)));
+      }
+      world.glue(static_cast<int>(i), static_cast<int>(k), static_cast<int>(at - names.begin()));
+    }
+  }
+}
+
 // What an embedded mesh is too coarse for.
 void noteMesh(const BodyConfig& body, const EmbedReport& report, std::vector<std::string>& notes) {
   constexpr double kMuch = 0.3;  // of the surface
@@ -338,18 +361,25 @@ class TriangleBudget {
   std::size_t spent_ = 0;
 };
 
-// One after the other with the rest held still; together only if they lean on each other, as that takes far longer.
-void settle(World& world, const std::vector<int>& bodies, const Pose& device, StageTeller& teller) {
+// One after the other with the rest held still, what is glued at once; together only if they lean on each other, as that
+// takes far longer.
+void settle(World& world, std::vector<int> bodies, const Pose& device, StageTeller& teller) {
   bool leaning = false;
+  std::vector<int> done;
   for (auto i = bodies.rbegin(); i != bodies.rend(); ++i) {  // the tool last
-    world.settle({*i}, device, tellSteps(teller, world.body(*i).model.name()));
+    if (std::find(done.begin(), done.end(), *i) != done.end()) continue;
+    const std::vector<int> together = world.gluedTogether(*i);
+    done.insert(done.end(), together.begin(), together.end());
+    world.settle(together, device, tellSteps(teller, world.body(*i).model.name()));
     const ContactSet& set = world.contacts();
     for (std::size_t c = 0; c < set.contacts.size(); ++c) {
       const Contact& contact = set.contacts[c];
-      leaning |= set.status[c].state != ContactState::open && contact.second.body >= 0 &&
+      leaning |= !contact.glued() && set.status[c].state != ContactState::open && contact.second.body >= 0 &&
                  contact.second.body != contact.first.body;
     }
   }
+  bodies = done;
+  std::sort(bodies.begin(), bodies.end());
   if (leaning && bodies.size() > 1) world.settle(bodies, device, tellSteps(teller, "bodies together"));
 }
 
@@ -431,6 +461,7 @@ BuiltScene buildChecked(const SceneConfig& config) {
     if (b.settled) settling.push_back(index);
   }
   setFrictionPairs(config, world);
+  glueBodies(config, world);
   settle(world, settling, out.start, teller);
   out.linearization.delassus = delassusOf(config.method);
   out.linearization.derivative = config.derivative == DerivativeName::full ? Derivative::full : Derivative::frozen;

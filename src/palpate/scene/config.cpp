@@ -100,8 +100,16 @@ std::optional<std::string> sizeObjection(const SceneConfig& config) {
 }
 
 std::optional<std::string> methodObjection(const SceneConfig& config) {
-  if (config.method != MethodName::live || config.tool.attachments.empty()) return std::nullopt;
-  return "live is for tools that move as a whole, and the world holds this one; take hsl";
+  if (config.method != MethodName::live) return std::nullopt;
+  const auto glued = [&](const FreeBodyConfig& body) {
+    return std::any_of(body.attachments.begin(), body.attachments.end(),
+                       [&](const AttachmentConfig& a) { return a.to == config.tool.name; });
+  };
+  if (!config.tool.attachments.empty())
+    return "live is for tools that move as a whole, and this one has attachments; take hsl";
+  if (std::any_of(config.bodies.begin(), config.bodies.end(), glued))
+    return "live is for tools that move as a whole, and a body is glued to this one; take hsl";
+  return std::nullopt;
 }
 
 std::optional<std::string> handleObjection(const ToolConfig& tool, const std::string& handle) {

@@ -153,12 +153,13 @@ struct HandConfig {
   bool smooth = true;                     ///< at rest in every keyframe, smooth in between; otherwise piecewise linear
 };
 
-/// Where the world holds a body.
+/// Where the world, or another body, holds a body.
 struct AttachmentConfig {
   std::string name;
   RegionConfig region;
   std::optional<double> stiffness;  ///< of springs, on the surface in the region [N/m^3]; absent: its nodes are fixed
   double damping = 0.0;             ///< of the springs [N s/m^3]
+  std::string to;                   ///< the body that its nodes are glued to; empty: the world holds it
   HandConfig motion;                ///< of its end in the world, about its middle; no keyframes: it stands still
   double period = 0.0;              ///< in which the motion comes again [s]; 0: once
 };

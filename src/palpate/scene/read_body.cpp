@@ -1,5 +1,7 @@
 #include <fmt/format.h>
 
+#include <algorithm>
+
 #include "palpate/scene/checks.h"
 #include "palpate/scene/limits.h"
 #include "palpate/scene/read_parts.h"
@@ -87,7 +89,10 @@ AttachmentConfig readAttachment(const Value& value, const std::string& name, con
   value.fields({regionField(attachment.region, shape),
                 numberField("stiffness", attachment.stiffness, Range::positive(1e12, "N/m^3")),
                 numberField("damping", attachment.damping, Range::within(0.0, 1e9, "N s/m^3")),
+                {"to", [&](const Value& v) { attachment.to = v.name(); }},
                 {"motion", [&](const Value& v) { readMotion(v, attachment); }}});
+  if (!attachment.to.empty() && (attachment.stiffness || attachment.damping > 0 || !attachment.motion.keyframes.empty()))
+    value.fail("is glued (to), and cannot have stiffness, damping or motion as well");
   if (attachment.damping > 0 && !attachment.stiffness) value.fail("has damping but no stiffness; without, it is fixed");
   return attachment;
 }
@@ -203,7 +208,9 @@ FreeBodyConfig readFreeBody(const Value& value, std::size_t index) {
   fields.push_back(vectorField("velocity", body.velocity, Range::within(-100.0, 100.0, "m/s")));
   fields.push_back(rotationField("angular_velocity", body.angular_velocity, 36000.0));
   value.fields(fields);
-  if (!body.attachments.empty() && !(body.velocity.isZero(0.0) && body.angular_velocity.isZero(0.0)))
+  const bool held = std::any_of(body.attachments.begin(), body.attachments.end(),
+                                [](const AttachmentConfig& a) { return a.to.empty(); });
+  if (held && !(body.velocity.isZero(0.0) && body.angular_velocity.isZero(0.0)))
     value.fail("what the world holds starts without velocity");
   return body;
 }

@@ -48,6 +48,7 @@ BodyModel::BodyModel(std::string name, SimulationMesh mesh, const Material& mate
       velocity_(velocity) {
   attached_.assign(fem_.nodes(), -1);
   fixed_.assign(fem_.nodes(), 0);
+  glued_.assign(fem_.nodes(), 0);
   row_.resize(fem_.nodes());
   number();
 }
@@ -93,6 +94,7 @@ void BodyModel::holdRigid(const std::string& name, double own_mass, const Vec3& 
 void BodyModel::hold(const Handle& handle) {
   for (const int n : handle.nodes) {
     if (fixed_[n] != 0) throw InputError("handle " + handle.name, "region", "holds nodes that are fixed to the world");
+    if (glued_[n] != 0) throw InputError("handle " + handle.name, "region", "holds nodes that are glued to a body");
   }
   attachTo(handle);
   held_ = true;
@@ -113,7 +115,7 @@ void BodyModel::attach(Attachment attachment) {
   };
   for (std::size_t k = 0; k < attachment.nodes.size(); ++k) {
     const int n = attachment.nodes[k];
-    if (!attachment.fixed()) {
+    if (attachment.stiffness.size() > 0) {
       if (spring_stiffness_.size() == 0) {
         spring_stiffness_.setZero(nodes());
         spring_damping_.setZero(nodes());
@@ -122,9 +124,11 @@ void BodyModel::attach(Attachment attachment) {
       spring_damping_[n] += attachment.damping[static_cast<Eigen::Index>(k)];
       continue;
     }
-    if (fixed_[n] != 0) fail("fixes nodes that another attachment fixes");
-    if (attached_[n] >= 0) fail("fixes nodes that the handle holds");
-    fixed_[n] = 1;
+    const std::string does = attachment.glued ? "glues" : "fixes";
+    if (fixed_[n] != 0) fail(does + " nodes that another attachment fixes");
+    if (glued_[n] != 0) fail(does + " nodes that another attachment glues");
+    if (attached_[n] >= 0) fail(does + " nodes that the handle holds");
+    (attachment.glued ? glued_ : fixed_)[n] = 1;
   }
   number();
   if (free_.empty()) fail("fixes every node: nothing is left to deform");
@@ -132,6 +136,7 @@ void BodyModel::attach(Attachment attachment) {
   for (const int n : attachment.nodes) attachment.middle += mesh_.mesh.nodes[n];
   attachment.middle /= static_cast<double>(attachment.nodes.size());
   driven_ = driven_ || attachment.motion;
+  glues_ = glues_ || attachment.glued;
   attachments_.push_back(std::move(attachment));
 }
 

@@ -43,9 +43,9 @@ class BodyModel {
   /// @throws InputError if that leaves no node free, or none that is connected to the handle, or if the world holds one
   ///         of the nodes
   void hold(const Handle& handle);
-  /// Lets the world hold nodes. Before the body is added to a world; a handle's nodes are the handle's, and springs on
-  /// fixed nodes do nothing.
-  /// @throws InputError if an attachment fixes what another one or the handle has, or if no node is left free
+  /// Lets the world hold nodes, or notes that they are to be glued: World::glue() says to what. Before the body is added
+  /// to a world; a handle's nodes are the handle's, and springs on fixed nodes do nothing.
+  /// @throws InputError if an attachment fixes or glues what another one or the handle has, or if no node is left free
   void attach(Attachment attachment);
 
   const std::string& name() const { return name_; }
@@ -64,6 +64,7 @@ class BodyModel {
   const std::vector<int>& attachedIndex() const { return attached_; }
   bool isFixed(int node) const { return row_[node] < 0 && attached_[node] < 0; }  ///< to the world
   const std::vector<Attachment>& attachments() const { return attachments_; }
+  bool glues() const { return glues_; }                                      ///< an attachment glues nodes
   const std::vector<int>& fixedElements() const { return fixed_elements_; }  ///< touch fixed nodes
   const VecX& springStiffness() const { return spring_stiffness_; }          ///< of each node [N/m]; empty: no springs
   const VecX& springDamping() const { return spring_damping_; }              ///< of each node [N s/m]
@@ -98,8 +99,8 @@ class BodyModel {
   double friction_ = 0;
   Vec6 velocity_;
   std::vector<Attachment> attachments_;
-  std::vector<char> fixed_;  // of each node
-  bool driven_ = false;
+  std::vector<char> fixed_, glued_;  // of each node
+  bool driven_ = false, glues_ = false;
   VecX spring_stiffness_, spring_damping_;
   std::vector<int> row_, free_, attached_, boundary_, fixed_elements_;
   SymmetricBlockMatrix pattern_;

@@ -429,8 +429,12 @@ bool BodySystem::addImpulses(const std::vector<Contact>& contacts, const Contact
   prediction_.setZero(3 * model_->freeNodes(), 1);
   on_handle.setZero();
   if (!model_->fixedElements().empty()) on_fixed_.setZero(3 * model_->nodes());
+  if (model_->glues()) on_glued_.setZero(3 * model_->nodes());
   for (const int i : own.contacts) {
     const Vec3 world = contacts[i].frame().transpose() * impulse.segment<3>(3 * i);
+    if (contacts[i].glued() && contacts[i].first.body == self) {
+      on_glued_.segment<3>(3 * contacts[i].first.node[0]) += world;
+    }
     forEachNode(contacts[i], self, [&](int node, double weight) {
       const Vec3 share = weight * world;
       if (row(node) >= 0) {
@@ -765,6 +769,8 @@ std::vector<std::vector<Vec3>> BodySystem::nodeAttachmentForces() const {
                                               fem.material().damping_alpha * v - input_.gravity);
         forces.push_back(loads.segment<3>(3 * n) / h - f_.segment<3>(3 * n) + inertia);
         if (on_fixed_.size() > 0) forces.back() -= on_fixed_.segment<3>(3 * n) / h;
+      } else if (attachment.glued) {
+        forces.push_back(on_glued_.size() > 0 ? Vec3(on_glued_.segment<3>(3 * n) / h) : Vec3(Vec3::Zero()));
       } else if (row(n) >= 0) {
         const auto at = static_cast<Eigen::Index>(k);
         const Vec3 way = x0_.segment<3>(3 * n) + h * v - anchors_.segment<3>(3 * n);
@@ -777,15 +783,22 @@ std::vector<std::vector<Vec3>> BodySystem::nodeAttachmentForces() const {
   return out;
 }
 
+Vec3 BodySystem::startMiddle(const Attachment& attachment) const {
+  Vec3 sum = Vec3::Zero();
+  for (const int n : attachment.nodes) sum += x0_.segment<3>(3 * n);
+  return sum / static_cast<double>(attachment.nodes.size());
+}
+
 std::vector<AttachmentForce> BodySystem::attachmentForces() const {
   std::vector<AttachmentForce> out;
   const auto forces = nodeAttachmentForces();
   for (std::size_t a = 0; a < forces.size(); ++a) {
     const Attachment& attachment = model_->attachments()[a];
     AttachmentForce& sum = out.emplace_back();
+    const Vec3 middle = attachment.glued ? startMiddle(attachment) : attachment.middle;
     for (std::size_t k = 0; k < forces[a].size(); ++k) {
       sum.force += forces[a][k];
-      sum.moment += (x0_.segment<3>(3 * attachment.nodes[k]) - attachment.middle).cross(forces[a][k]);
+      sum.moment += (x0_.segment<3>(3 * attachment.nodes[k]) - middle).cross(forces[a][k]);
     }
   }
   return out;
@@ -799,6 +812,7 @@ double BodySystem::attachmentWork() const {
   double work = 0;
   for (std::size_t a = 0; a < forces.size(); ++a) {
     const Attachment& attachment = model_->attachments()[a];
+    if (attachment.glued) continue;  // what one body gets, the other gives
     for (std::size_t k = 0; k < forces[a].size(); ++k) {
       const int n = attachment.nodes[k];
       const Vec3 from = attachment.fixed() ? x0_.segment<3>(3 * n) : before.segment<3>(3 * n);

@@ -219,6 +219,7 @@ class BodySystem {
   template <class Velocity>
   VecX besideFixed(Velocity velocity) const;
   std::vector<std::vector<Vec3>> nodeAttachmentForces() const;
+  Vec3 startMiddle(const Attachment& attachment) const;
   void addLink(Vec6& wrench);
   Eigen::Matrix<double, 3, 6> attachedJacobian(const ContactPoint& point) const;
   void nodeVelocity(const ContactPoint& point, const VecX& v, const Vec6& u, Vec3& out) const;
@@ -263,6 +264,7 @@ class BodySystem {
   Vec6 on_handle_ = Vec6::Zero();  // contact impulses on the handle, of the last applyImpulse() [N s; N m s]
   VecX anchors_;                   // at the end of the step, 3 a node [m]
   VecX on_fixed_;                  // contact impulses on fixed nodes, 3 a node; empty: none are fixed [N s]
+  VecX on_glued_;                  // the same of what its own nodes are glued with; empty: none are
   Vec6 u_free_ = Vec6::Zero(), u_end_ = Vec6::Zero();
 };
 

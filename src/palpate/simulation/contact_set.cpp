@@ -6,6 +6,7 @@ namespace palpate {
 
 void ContactSet::begin(const std::vector<int>& moving) {
   contacts.clear();
+  glued = 0;
   impulse.resize(0);
   status.clear();
   island.clear();
@@ -23,11 +24,12 @@ void ContactSet::begin(const std::vector<int>& moving) {
   crossing = false;
 }
 
-int ContactSet::active() const { return static_cast<int>(contacts.size()) - count(ContactState::open); }
+int ContactSet::active() const { return static_cast<int>(contacts.size()) - glued - count(ContactState::open); }
 
 int ContactSet::count(ContactState state) const {
+  const auto first = std::min<std::ptrdiff_t>(glued, static_cast<std::ptrdiff_t>(status.size()));
   return static_cast<int>(
-      std::count_if(status.begin(), status.end(), [&](const ContactStatus& s) { return s.state == state; }));
+      std::count_if(status.begin() + first, status.end(), [&](const ContactStatus& s) { return s.state == state; }));
 }
 
 VecX ContactSet::rowVelocity(const ContactIsland& of) const {

@@ -19,7 +19,8 @@ struct ContactIsland : ContactRows {
 
 /// The contacts of one step and their solution; three rows a contact: normal, tangents.
 struct ContactSet {
-  std::vector<Contact> contacts;
+  std::vector<Contact> contacts;  ///< those that are glued first
+  int glued = 0;                  ///< how many are: equalities, always of state `stick`
   VecX free;     ///< row velocities without contact impulse [m/s]
   VecX impulse;  ///< lambda [N s]
   std::vector<ContactStatus> status;
@@ -38,6 +39,7 @@ struct ContactSet {
 
   /// Empty, for these bodies; keeps memory.
   void begin(const std::vector<int>& moving);
+  /// Of the contacts that are not glued.
   int active() const;
   int count(ContactState state) const;
   /// W lambda + free of one island's rows, and of all [m/s].

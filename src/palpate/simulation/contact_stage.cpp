@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 #include <tuple>
+#include <utility>
 
 namespace palpate {
 namespace {
@@ -39,7 +40,7 @@ bool ContactStage::solve(const MovingBodies& bodies, const ContactInput& input, 
   const double h = bodies[0].input().step;
   predict(bodies, memory);
   propose(bodies, input, memory);
-  choose(bodies, settings, memory);
+  choose(bodies, input, memory);
   int iterations = 0;
   double systems = 0;
   for (int b = 0; b < bodies.size(); ++b) systems += bodies[b].factorOperations();
@@ -104,7 +105,7 @@ void ContactStage::propose(const MovingBodies& bodies, const ContactInput& input
   }
   followLoaded(bodies, input, memory);
   dropImmovable(bodies);
-  correctForTurning(bodies, kLargestArc * input.settings.thickness);
+  correctForTurning(bodies, kLargestArc * input.settings.thickness, candidates_);
   set_.candidates = static_cast<int>(candidates_.size());
 }
 
@@ -114,7 +115,7 @@ void ContactStage::followLoaded(const MovingBodies& bodies, const ContactInput& 
   for (const Contact& c : candidates_) found_.push_back(c.key);
   std::sort(found_.begin(), found_.end());
   for (const Contact& c : memory.loaded) {
-    if (c.partner >= static_cast<int>(input.obstacles.size())) continue;
+    if (c.glued() || c.partner >= static_cast<int>(input.obstacles.size())) continue;
     if (std::binary_search(found_.begin(), found_.end(), c.key)) continue;
     const int b = bodies.slot(c.first);
     if (b < 0) continue;
@@ -138,23 +139,45 @@ bool ContactStage::search(const MovingBodies& bodies, const ContactInput& input,
     if (input.surfaces.gaveUp()) return false;
   }
   dropImmovable(bodies);
-  correctForTurning(bodies, kLargestArc * input.settings.thickness);
+  correctForTurning(bodies, kLargestArc * input.settings.thickness, candidates_);
   return true;
 }
 
 // The handle's nodes go round on arcs, their velocity rows straight on: what an arc ends beside the straight line is
 // known once the motion is predicted, and belongs to the gap. Within bounds: a wild prediction must not make wild gaps.
-void ContactStage::correctForTurning(const MovingBodies& bodies, double bound) {
+void ContactStage::correctForTurning(const MovingBodies& bodies, double bound, std::vector<Contact>& contacts) const {
   bool framed = false;
   for (int b = 0; b < bodies.size(); ++b) framed |= bodies[b].model().framed();
   if (!framed) return;
-  for (Contact& c : candidates_) {
-    const auto offset = [&](const ContactPoint& point) {
+  for (Contact& c : contacts) {
+    const auto offset = [&](const ContactPoint& point, const Vec3& along) {
       const int b = bodies.slot(point);
       if (b < 0 || !bodies[b].model().framed()) return 0.0;
-      return std::clamp(c.normal.dot(bodies[b].arcOffset(point, x_end_[b])), -bound, bound);
+      return std::clamp(along.dot(bodies[b].arcOffset(point, x_end_[b])), -bound, bound);
     };
-    c.gap += offset(c.first) - offset(c.second);
+    c.gap += offset(c.first, c.normal) - offset(c.second, c.normal);
+    if (!c.glued()) continue;
+    c.tangent_gap[0] += offset(c.first, c.tangent1) - offset(c.second, c.tangent1);
+    c.tangent_gap[1] += offset(c.first, c.tangent2) - offset(c.second, c.tangent2);
+  }
+}
+
+// Comes first, and is never chosen from: each node has equalities of its own. A gap that something has torn open closes
+// at a bounded speed.
+void ContactStage::takeGlued(const MovingBodies& bodies, const ContactInput& input) {
+  set_.contacts.clear();
+  set_.glued = 0;
+  if (input.glued == nullptr || input.glued->empty()) return;
+  set_.contacts = *input.glued;
+  set_.glued = static_cast<int>(set_.contacts.size());
+  correctForTurning(bodies, kLargestArc * input.settings.thickness, set_.contacts);
+  const double most = input.settings.max_recovery_speed * bodies[0].input().step;
+  for (Contact& c : set_.contacts) {
+    const double gap = Vec3(c.gap, c.tangent_gap[0], c.tangent_gap[1]).norm();
+    if (gap <= most) continue;
+    c.gap *= most / gap;
+    for (double& along : c.tangent_gap) along *= most / gap;
+    c.capped = true;
   }
 }
 
@@ -170,12 +193,16 @@ void ContactStage::dropImmovable(const MovingBodies& bodies) {
   std::erase_if(candidates_, [&](const Contact& c) { return !moves(c.first) && !moves(c.second); });
 }
 
-void ContactStage::choose(const MovingBodies& bodies, const ContactSettings& settings, const ContactMemory& memory) {
+void ContactStage::choose(const MovingBodies& bodies, const ContactInput& input, const ContactMemory& memory) {
+  const ContactSettings& settings = input.settings;
+  takeGlued(bodies, input);
   touched_.clear();
-  for (const Contact& c : candidates_) {
-    for (const ContactPoint* point : {&c.first, &c.second}) {
-      if (point->body < 0) continue;
-      for (int k = 0; k < point->count; ++k) touched_.emplace_back(point->body, point->node[k]);
+  for (const std::vector<Contact>* list : {&std::as_const(set_.contacts), &std::as_const(candidates_)}) {
+    for (const Contact& c : *list) {
+      for (const ContactPoint* point : {&c.first, &c.second}) {
+        if (point->body < 0) continue;
+        for (int k = 0; k < point->count; ++k) touched_.emplace_back(point->body, point->node[k]);
+      }
     }
   }
   std::sort(touched_.begin(), touched_.end());
@@ -194,7 +221,7 @@ void ContactStage::choose(const MovingBodies& bodies, const ContactSettings& set
       set_.contacts.push_back(candidates_[i]);
     }
   } else {
-    set_.contacts = candidates_;
+    set_.contacts.insert(set_.contacts.end(), candidates_.begin(), candidates_.end());
   }
   changed_.assign(set_.contacts.size(), 1);
   if (set_.contacts.empty()) {  // what was touched is out of reach: its impulses are, too
@@ -235,7 +262,7 @@ bool ContactStage::addViolated() {
 // steps are short.
 void ContactStage::capRecovery(double h, double speed) {
   for (Contact& c : set_.contacts) {
-    if (c.gap >= -speed * h) continue;
+    if (c.glued() || c.gap >= -speed * h) continue;
     c.gap = -speed * h;
     c.capped = true;
   }
@@ -337,7 +364,7 @@ void ContactStage::warmStart(double h, const ContactMemory& memory) {
 void ContactStage::remember(double h, const ContactSettings& settings, ContactMemory& memory) {
   memory.forces.clear();
   memory.loaded.clear();
-  memory.loaded_force.resize(static_cast<Eigen::Index>(3 * set_.active()));
+  memory.loaded_force.resize(static_cast<Eigen::Index>(3 * (set_.glued + set_.active())));
   for (std::size_t i = 0; i < set_.contacts.size(); ++i) {
     if (set_.status[i].state == ContactState::open) continue;
     const Contact& c = set_.contacts[i];

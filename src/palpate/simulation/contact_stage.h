@@ -25,6 +25,7 @@ struct ContactInput {
   const ContactSettings& settings;
   WorkMeter& work;
   double share = 0.0;  ///< of the budget: what it may cost (WorkShare); 0: the end must be one that can be used
+  const std::vector<Contact>* glued = nullptr;  ///< equalities, as they are at the start; null: none
 };
 
 /// Finds, reduces and solves the contacts of the bodies that move. Between steps it holds nothing but the last result:
@@ -48,10 +49,11 @@ class ContactStage {
   void followLoaded(const MovingBodies& bodies, const ContactInput& input, const ContactMemory& memory);
   void findOnSurfaces(const ContactInput& input, double allowed);
   bool search(const MovingBodies& bodies, const ContactInput& input, const WorkShare& work);
-  void correctForTurning(const MovingBodies& bodies, double bound);
+  void correctForTurning(const MovingBodies& bodies, double bound, std::vector<Contact>& contacts) const;
   void dropImmovable(const MovingBodies& bodies);
   // choosing
-  void choose(const MovingBodies& bodies, const ContactSettings& settings, const ContactMemory& memory);
+  void choose(const MovingBodies& bodies, const ContactInput& input, const ContactMemory& memory);
+  void takeGlued(const MovingBodies& bodies, const ContactInput& input);
   bool addViolated();
   void capRecovery(double h, double speed);
   void judge(const ContactSettings& settings);

@@ -2,9 +2,11 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numeric>
 
 #include "palpate/common/parallel.h"
+#include "palpate/linear/dense_cholesky.h"
 
 namespace palpate {
 namespace {
@@ -118,19 +120,88 @@ void IslandSolver::findIslands(const MovingBodies& bodies, const std::vector<cha
   set.island.swap(island_);
 }
 
-// The island's problem and where its solution starts from.
+// The island's problem and where its solution starts from. What is glued comes first.
 void IslandSolver::gather(const ContactIsland& island, const ContactSet& set, double h, Scratch& own) const {
-  const auto m = static_cast<Eigen::Index>(island.contacts.size());
+  const auto all = static_cast<Eigen::Index>(island.contacts.size());
   island.gather(set.free, own.free);
   island.gather(set.impulse, own.impulse);
+  own.glued = 0;
+  while (own.glued < all && set.contacts[island.contacts[own.glued]].glued()) ++own.glued;
+  own.target.resize(3 * own.glued);
+  for (Eigen::Index k = 0; k < own.glued; ++k) {
+    const Contact& c = set.contacts[island.contacts[k]];
+    own.target.segment<3>(3 * k) = -Vec3(c.gap, c.tangent_gap[0], c.tangent_gap[1]) / h;
+  }
+  const Eigen::Index m = all - own.glued;
   own.bias.resize(m);
   own.friction.resize(m);
-  own.status.resize(island.contacts.size());
+  own.status.resize(static_cast<std::size_t>(m));
   for (Eigen::Index k = 0; k < m; ++k) {
-    const int i = island.contacts[k];
+    const int i = island.contacts[own.glued + k];
     own.bias[k] = -set.contacts[i].gap / h;
     own.friction[k] = set.contacts[i].friction;
     own.status[k] = set.status[i];
+  }
+}
+
+// The contacts' problem when what is glued follows, into own.condensed and own.free; own.impulse keeps the contacts'.
+// @returns false if W_EE is not positive definite
+bool IslandSolver::condense(const ContactIsland& island, Scratch& own) {
+  const Eigen::Index e = 3 * own.glued, c = island.rows() - e;
+  own.glue = island.delassus.topLeftCorner(e, e);
+  if (!own.glue.allFinite() || !choleskyInPlace(own.glue)) return false;
+  own.coupled = island.delassus.topRightCorner(e, c);
+  const auto lower = own.glue.triangularView<Eigen::Lower>();
+  VecX rest = own.free.head(e) - own.target;
+  lower.solveInPlace(rest);
+  if (c > 0) lower.solveInPlace(own.coupled);
+  own.free = (own.free.tail(c) - own.coupled.transpose() * rest).eval();
+  own.impulse = own.impulse.tail(c).eval();
+  own.condensed = island.delassus.bottomRightCorner(c, c);
+  own.condensed.noalias() -= own.coupled.transpose() * own.coupled;
+  return true;
+}
+
+// The impulses of all, those of what is glued from the contacts', to rounding.
+// @returns what is left of the velocities that glue forbids, the largest [m/s]
+double IslandSolver::release(const ContactIsland& island, const VecX& free, Scratch& own) {
+  constexpr int kRefinements = 2;
+  const Eigen::Index e = 3 * own.glued, c = island.rows() - e;
+  const auto lower = own.glue.triangularView<Eigen::Lower>();
+  VecX all = VecX::Zero(e + c);
+  all.tail(c) = own.impulse;
+  double left = 0;
+  for (int k = 0; k <= kRefinements; ++k) {
+    VecX rest = free.head(e) - own.target;
+    rest.noalias() += island.delassus.topRows(e) * all;
+    left = rest.lpNorm<Eigen::Infinity>();
+    if (k == kRefinements) break;
+    lower.solveInPlace(rest);
+    own.glue.transpose().triangularView<Eigen::Upper>().solveInPlace(rest);
+    all.head(e) -= rest;
+  }
+  own.impulse = all;
+  return left;
+}
+
+// Of the island's contacts that are not glued.
+void IslandSolver::solveContacts(const Eigen::Ref<const MatX>& delassus, double scale, const ContactSettings& settings,
+                                 ContactIsland& island, Scratch& own) {
+  const double largest = std::max(own.free.lpNorm<Eigen::Infinity>(), own.bias.lpNorm<Eigen::Infinity>());
+  if (own.status.empty() || largest == 0 || delassus.isZero(0.0)) {
+    // nothing moves towards anything, or nothing can move
+    own.impulse.setZero();
+    own.status.assign(own.status.size(), {});
+    island.solver = ContactSolverReport::nothing();
+  } else {
+    ContactSolverSettings solver = settings.solver;
+    if (std::isfinite(scale)) {
+      solver.tolerance *= scale / largest;
+      solver.acceptable *= scale / largest;
+    }
+    solver.tolerance = std::max(solver.tolerance, kNegligible / largest);
+    const ContactProblem problem{delassus, own.free, own.bias, own.friction, settings.cone};
+    island.solver = own.solver.solve(problem, solver, own.impulse, own.status);
   }
 }
 
@@ -140,23 +211,36 @@ void IslandSolver::solveIsland(std::size_t index, double h, double scale, const 
   Scratch& own = scratch_[index];
   formDelassus(set, island);
   gather(island, set, h, own);
-  const double largest = std::max(own.free.lpNorm<Eigen::Infinity>(), own.bias.lpNorm<Eigen::Infinity>());
-  if (largest == 0 || island.delassus.isZero(0.0)) {  // nothing moves towards anything, or nothing can move
-    own.impulse.setZero();
-    own.status.assign(island.contacts.size(), {});
-    island.solver = ContactSolverReport::nothing();
+  if (own.glued == 0) {
+    solveContacts(island.delassus, scale, settings, island, own);
   } else {
-    ContactSolverSettings solver = settings.solver;
-    if (std::isfinite(scale)) {
-      solver.tolerance *= scale / largest;
-      solver.acceptable *= scale / largest;
-    }
-    solver.tolerance = std::max(solver.tolerance, kNegligible / largest);
-    const ContactProblem problem{island.delassus, own.free, own.bias, own.friction, settings.cone};
-    island.solver = own.solver.solve(problem, solver, own.impulse, own.status);
+    solveGlued(scale, settings, island, own);
   }
   island.scatter(own.impulse, set.impulse);
-  for (std::size_t k = 0; k < island.contacts.size(); ++k) set.status[island.contacts[k]] = own.status[k];
+  for (std::size_t k = 0; k < island.contacts.size(); ++k) {
+    const auto glued = static_cast<std::size_t>(own.glued);
+    set.status[island.contacts[k]] = k < glued ? ContactStatus{ContactState::stick, 0} : own.status[k - glued];
+  }
+}
+
+// With what is glued taken out of the problem first (docs/attachments.md).
+void IslandSolver::solveGlued(double scale, const ContactSettings& settings, ContactIsland& island, Scratch& own) {
+  constexpr double kLeft = 1e-6;  // of the largest velocity
+  const VecX free = own.free;
+  if (!condense(island, own)) {
+    own.impulse.setZero(island.rows());
+    own.status.assign(own.status.size(), {});
+    island.solver = {false, false, 0, 0.0, std::numeric_limits<double>::infinity()};
+    return;
+  }
+  solveContacts(own.condensed, scale, settings, island, own);
+  const double left = release(island, free, own);
+  const double e = 3.0 * static_cast<double>(own.glued), c = static_cast<double>(island.rows()) - e;
+  island.solver.operations += e * e * e / 3 + e * e * c + e * c * c;
+  const double largest = std::max({free.lpNorm<Eigen::Infinity>(), own.target.lpNorm<Eigen::Infinity>(), 1e-12});
+  if (left <= kLeft * largest) return;
+  island.solver.converged = island.solver.to_tolerance = false;
+  island.solver.residual = std::max(island.solver.residual, left);
 }
 
 // At the same time, unless one is most of the work: its own loops are shared out then.

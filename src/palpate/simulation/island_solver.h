@@ -30,11 +30,20 @@ class IslandSolver {
     ContactSolver solver;
     VecX free, bias, friction, impulse;
     std::vector<ContactStatus> status;
+    // of what is glued: a factor of W_EE, L^-1 W_EC, what its velocities are to be; W'
+    MatX glue, coupled, condensed;
+    VecX target;
+    Eigen::Index glued = 0;  // contacts
   };
   void joinBodies(const MovingBodies& bodies, const ContactSet& set);
   int rootOf(int body);
   bool keep(const std::vector<char>& changed, const ContactSet& set, ContactIsland& island);
   void gather(const ContactIsland& island, const ContactSet& set, double h, Scratch& own) const;
+  static bool condense(const ContactIsland& island, Scratch& own);
+  static double release(const ContactIsland& island, const VecX& free, Scratch& own);
+  static void solveContacts(const Eigen::Ref<const MatX>& delassus, double scale, const ContactSettings& settings,
+                            ContactIsland& island, Scratch& own);
+  static void solveGlued(double scale, const ContactSettings& settings, ContactIsland& island, Scratch& own);
   void solveIsland(std::size_t index, double h, double scale, const ContactSettings& settings, ContactSet& set);
 
   std::vector<ContactIsland> before_;         // of the pass before

@@ -27,6 +27,8 @@ constexpr int kChatterPatience = 60;
 constexpr double kFirstStep = 0.02, kShortestStep = 1e-5, kLongestStep = 20.0;  // [s]
 // nobody holds a free body: its rigid motions meet only its mass, which a long step makes small beside h^2 K
 constexpr double kLongestFreeStep = 0.05;  // [s]
+// glue alone holds a body whose own system is as free: its equations lose digits likewise, but it does not drift
+constexpr double kLongestGluedStep = 0.5;  // [s]
 constexpr double kRise = 1e-9;             // of an energy that rounding may make
 
 /// Lengths of settling steps: short where the energy rises or displacements jump, then longer and longer.
@@ -145,12 +147,29 @@ std::string World::unrest(int i, const VecX& before) const {
                             largestStretch(model.elasticity(), x));
 }
 
+// Of a body, by what holds it: device or world, glue to what is held or stands still, or nothing.
+double World::longestSettlingStep(int body, const std::vector<int>& moving) const {
+  const auto held = [&](int i) {
+    const std::vector<Attachment>& own = models_[i]->attachments();
+    return models_[i]->held() || std::any_of(own.begin(), own.end(), [](const Attachment& a) { return !a.glued; });
+  };
+  if (held(body)) return kLongestStep;
+  const auto moves = [&](int i) { return std::find(moving.begin(), moving.end(), i) != moving.end(); };
+  const std::vector<int> together = gluedTogether(body);
+  const bool by_bodies = std::any_of(together.begin(), together.end(), [&](int i) { return moves(i) && held(i); });
+  const bool by_others = std::any_of(joints_.begin(), joints_.end(), [&](const Joint& joint) {
+    return std::find(together.begin(), together.end(), joint.body) != together.end() && moves(joint.body) &&
+           !moves(joint.partner);
+  });
+  return by_bodies || by_others ? kLongestGluedStep : kLongestFreeStep;
+}
+
 // Backward Euler with growing steps from rest is a damped Newton iteration on the static problem: its matrix has the
 // energy's whole curvature but for what is negative. A step that makes energy is taken back and shortened.
 double World::settle(const std::vector<int>& moving, Pose device, const SettleProgress& progress) {
   double longest = kLongestStep, edge = std::numeric_limits<double>::infinity();
   for (const int i : moving) {
-    if (!models_[i]->held() && models_[i]->attachments().empty()) longest = kLongestFreeStep;
+    longest = std::min(longest, longestSettlingStep(i, moving));
     edge = std::min(edge, models_[i]->contactFinder().edgeLength());
   }
   meter_.start({});

@@ -24,6 +24,40 @@ int World::add(BodyModel model, bool self_contact) {
   return index;
 }
 
+std::vector<const BodyModel*> World::models() const {
+  std::vector<const BodyModel*> out;
+  for (const auto& model : models_) out.push_back(model.get());
+  return out;
+}
+
+void World::glue(int body, int attachment, int partner) {
+  constexpr double kAround = 0.5;  // mean edges
+  joints_.push_back(joinBodies(models(), body, attachment, partner));
+  refuseCircles(models(), joints_);
+  const BodyModel& own = *models_[body];
+  surfaces_.leaveOut(body, surfaceAround(own, own.attachments()[attachment]), partner,
+                     kAround * own.contactFinder().edgeLength());
+}
+
+std::vector<int> World::gluedTogether(int body) const {
+  std::vector<char> in(models_.size(), 0);
+  in[body] = 1;
+  const auto stands = [&](int i) { return models_[i]->isRigid() && !models_[i]->held(); };
+  for (bool grown = true; grown;) {
+    grown = false;
+    for (const Joint& joint : joints_) {
+      if (in[joint.body] == in[joint.partner] || stands(joint.body) || stands(joint.partner)) continue;
+      in[joint.body] = in[joint.partner] = 1;
+      grown = true;
+    }
+  }
+  std::vector<int> out;
+  for (int i = 0; i < bodies(); ++i) {
+    if (in[i] != 0) out.push_back(i);
+  }
+  return out;
+}
+
 const BodyContactRows* World::toolRows() const {
   const std::vector<int>& moved = contacts().bodies;
   const auto at = std::find(moved.begin(), moved.end(), tool_);
@@ -175,6 +209,15 @@ bool World::beginBodies(const std::vector<int>& moving, const StepInput& input, 
   return good;
 }
 
+// Equalities of the bodies in moving_ that are glued.
+void World::findGlue() {
+  glued_.clear();
+  if (joints_.empty()) return;
+  std::vector<char> moves(models_.size(), 0);
+  for (const int i : moving_.indices()) moves[i] = 1;
+  glueContacts(models(), joints_, state_.bodies, moves, glued_);
+}
+
 // Contact impulses of the bodies in moving_, and their end velocities.
 bool World::solveContacts(double share, StepReport& report) {
   const ScopedTimer timer(report.times.contact);
@@ -182,7 +225,9 @@ bool World::solveContacts(double share, StepReport& report) {
     for (int i = 0; i < bodies(); ++i) surfaces_.setStart(i, state_.bodies[i].positions);
     surfaces_.examineOverlaps(state_.halvings > 0);
   }
-  bool good = stage_.solve(moving_, {obstacles, surfaces_, friction_, contact, meter_, share}, state_.contacts);
+  findGlue();
+  bool good =
+      stage_.solve(moving_, {obstacles, surfaces_, friction_, contact, meter_, share, &glued_}, state_.contacts);
   for (int k = 0; k < moving_.size(); ++k) good = good && moving_[k].endIsFinite();
   if (good) reportContacts(report);
   return good;
@@ -204,7 +249,7 @@ bool World::advance(StepReport& report) {
 void World::reportContacts(StepReport& report) const {
   const ContactSet& set = stage_.result();
   report.contacts_found = set.candidates;
-  report.contacts = static_cast<int>(set.contacts.size());
+  report.contacts = static_cast<int>(set.contacts.size()) - set.glued;
   report.active = set.active();
   report.sticking = set.count(ContactState::stick);
   report.sliding = report.active - report.sticking;

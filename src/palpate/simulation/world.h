@@ -11,6 +11,7 @@
 #include "palpate/simulation/body_model.h"
 #include "palpate/simulation/body_system.h"
 #include "palpate/simulation/contact_stage.h"
+#include "palpate/simulation/glue.h"
 #include "palpate/simulation/moving_bodies.h"
 #include "palpate/simulation/step_energy.h"
 #include "palpate/simulation/step_report.h"
@@ -40,6 +41,16 @@ class World {
   /// @param self_contact  whether the body's surface touches itself
   /// @returns the body's index. The first body that holds a handle is the tool.
   int add(BodyModel model, bool self_contact = false);
+  /// Glues the nodes of a body's attachment to another body, where both were built. Before the first step.
+  /// @param attachment  among the model's; is `glued`
+  /// @throws InputError if the two are too far apart, the same, or glued in a circle
+  void glue(int body, int attachment, int partner);
+  const std::vector<Joint>& joints() const { return joints_; }
+  /// Bodies that glue holds together with this one, itself included, in order: those that are to settle together, so not
+  /// through rigid bodies that nobody holds.
+  std::vector<int> gluedTogether(int body) const;
+  /// Contact that is left out between two bodies, the first before the second; null: none.
+  const PairExclusion* leftOut(int first, int second) const { return surfaces_.leftOut(first, second); }
   Body body(int i) const { return {*models_[i], state_.bodies[i], *systems_[i]}; }
   int bodies() const { return static_cast<int>(models_.size()); }
   Body tool() const { return body(tool_); }
@@ -137,18 +148,22 @@ class World {
   bool beginBodies(const std::vector<int>& moving, const StepInput& input, Ending ending, StepReport& report);
   void beginBody(int i, const StepInput& input, BodyBegin& begin);
   void orderContactNodes(int i, double h, std::vector<int>& nearby);
+  std::vector<const BodyModel*> models() const;
+  void findGlue();
   bool solveContacts(double share, StepReport& report);
   bool advance(StepReport& report);
   void fail(int i, StepReport& report);
   void findEnergies(StepReport& report, double time);
   void reportContacts(StepReport& report) const;
   double largestSpeed(const std::vector<int>& of) const;
+  double longestSettlingStep(int body, const std::vector<int>& moving) const;
   double potentialEnergy(const std::vector<int>& of, const Pose& device) const;
   std::string unrest(int i, const VecX& before) const;
 
   // model
   std::vector<std::unique_ptr<BodyModel>> models_;
   FrictionTable friction_;
+  std::vector<Joint> joints_;
   int tool_ = -1;
   bool prepared_ = false;
   // state
@@ -158,6 +173,7 @@ class World {
   SurfaceContacts surfaces_;
   ContactStage stage_;
   MovingBodies moving_;
+  std::vector<Contact> glued_;  // equalities of the present part of a step
   std::vector<BodyBegin> begin_;
   std::vector<double> elastic_;
   ContactMemory contacts_before_;  // of the present part of a step

@@ -354,7 +354,8 @@ class SlowStep {
   static ContactSet carrying(const ContactSet& all) {
     ContactSet out;
     out.bodies = all.bodies;
-    out.impulse.resize(static_cast<Eigen::Index>(3 * all.active()));
+    out.glued = all.glued;
+    out.impulse.resize(static_cast<Eigen::Index>(3 * (all.glued + all.active())));
     for (std::size_t i = 0; i < all.contacts.size(); ++i) {
       if (all.status[i].state == ContactState::open) continue;
       out.impulse.segment<3>(static_cast<Eigen::Index>(3 * out.contacts.size())) =
@@ -365,19 +366,20 @@ class SlowStep {
     return out;
   }
 
+  // Along the normal and both tangents of each, which count of what is glued alone.
   VecX gaps(const VecX& x) const {
-    VecX g(static_cast<Eigen::Index>(set_.contacts.size()));
+    VecX g(static_cast<Eigen::Index>(3 * set_.contacts.size()));
     for (std::size_t i = 0; i < set_.contacts.size(); ++i) {
       const Contact& c = set_.contacts[i];
-      double& gap = g[static_cast<Eigen::Index>(i)];
-      gap = c.gap;
+      auto gap = g.segment<3>(static_cast<Eigen::Index>(3 * i));
+      gap << c.gap, c.tangent_gap[0], c.tangent_gap[1];
       if (c.capped) continue;
       for (const auto& [point, sign] : {std::pair(&c.first, 1.0), std::pair(&c.second, -1.0)}) {
         if (point->body != world_.toolIndex()) continue;
         for (int k = 0; k < point->count; ++k) {
           const Vec3 moved =
               x.segment<3>(3 * point->node[k]) - tool_.system.startPositions().segment<3>(3 * point->node[k]);
-          gap += sign * point->weight[k] * c.normal.dot(moved);
+          gap += sign * point->weight[k] * (c.frame() * moved);
         }
       }
     }
@@ -402,10 +404,11 @@ class SlowStep {
         const double mu = set_.contacts[static_cast<std::size_t>(i / 3)].friction;
         const Eigen::Vector2d vt = velocity.segment<2>(i + 1);
         const Eigen::Vector2d lt = lambda.segment<2>(i + 1);
-        r[i] = velocity[i] + gap[i / 3] / h;
+        r[i] = velocity[i] + gap[i] / h;
         by_velocity(i, i) = 1;
         if (s.state == ContactState::stick) {
           r.segment<2>(i + 1) = vt;
+          if (set_.contacts[static_cast<std::size_t>(i / 3)].glued()) r.segment<2>(i + 1) += gap.segment<2>(i + 1) / h;
           by_velocity.block<2, 2>(i + 1, i + 1).setIdentity();
         } else if (s.state == ContactState::vertex) {
           const Eigen::Vector2d d = vertexDirection(s.index, facets).tail<2>();

@@ -77,12 +77,14 @@ void Examiner::examinePlanes(const World& world, Examination& out) const {
   }
 }
 
-void Examiner::examineOverlaps(Examination& out) {
+void Examiner::examineOverlaps(const World& world, Examination& out) {
   for (std::size_t b = 1; b < surfaces_.size(); ++b) {
     for (std::size_t a = 0; a < std::min(b, own_.size()); ++a) {
       points_.clear();
       findOverlaps(surfaces_[a], surfaces_[b], points_);
+      const PairExclusion* glued = b < own_.size() ? world.leftOut(static_cast<int>(a), static_cast<int>(b)) : nullptr;
       for (const OverlapPoint& p : points_) {
+        if (glued != nullptr && glued->excludes(p)) continue;
         out.depth = std::max(out.depth, p.depth);
         if (p.vertex[1] < 0 && p.depth > inside_) ++out.wrong_side;
       }
@@ -108,7 +110,7 @@ Examination Examiner::examine(const World& world) {
   if (!out.finite) return out;
   place(world);
   examinePlanes(world, out);
-  examineOverlaps(out);
+  examineOverlaps(world, out);
   for (int i = 0; i < world.bodies(); ++i) {
     const Body body = world.body(i);
     if (!body.model.isRigid()) out.inverted += invertedTetrahedra(body.model.mesh().mesh, body.state.positions);

@@ -45,7 +45,7 @@ class Examiner {
   };
   void place(const World& world);
   void examinePlanes(const World& world, Examination& out) const;
-  void examineOverlaps(Examination& out);
+  void examineOverlaps(const World& world, Examination& out);
   void examineSelf(int body, Examination& out);
 
   double inside_;

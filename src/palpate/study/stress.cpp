@@ -33,7 +33,7 @@ Touch touchOf(const World& world) {
   const int tool = world.toolIndex();
   Touch out = Touch::nothing;
   for (std::size_t c = 0; c < set.contacts.size(); ++c) {
-    if (set.status[c].state == ContactState::open) continue;
+    if (set.contacts[c].glued() || set.status[c].state == ContactState::open) continue;
     const int a = set.contacts[c].first.body, b = set.contacts[c].second.body;
     if ((a == tool) != (b == tool)) return Touch::others;
     if (a == tool) out = Touch::itself;
@@ -204,7 +204,7 @@ class StressRun {
       same_energy = touch == Touch::nothing;
     } else if (settings_.solve_static) {
       try {
-        world_.settle({world_.toolIndex()}, scene_.start);
+        world_.settle(world_.gluedTogether(world_.toolIndex()), scene_.start);
         wanted = restOf(world_);
         ride.judge = RideJudge::settled;
       } catch (const RunError&) {  // such as friction that lets go now and then
