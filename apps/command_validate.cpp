@@ -24,7 +24,15 @@ std::string place(const Vec3& p) {
 }
 
 /// As built, before anything settles.
-void printBody(const Body& body) {
+void printBody(const World& world, int index) {
+  const Body body = world.body(index);
+  const auto partner = [&](const Attachment& a) {
+    for (const Joint& joint : world.joints()) {
+      if (joint.body == index && &body.model.attachments()[static_cast<std::size_t>(joint.attachment)] == &a)
+        return world.body(joint.partner).model.name();
+    }
+    return std::string();
+  };
   const Bounds box = boundsOf(body.model.mesh().surface.vertices);
   fmt::print("{}: {}, {:.3g} kg{}, from {} to {} m\n", body.model.name(),
              body.model.isRigid() ? "rigid" : fmt::format("{} free nodes", body.model.freeNodes()),
@@ -32,7 +40,7 @@ void printBody(const Body& body) {
   for (const Attachment& a : body.model.attachments()) {
     fmt::print("  {}: {} nodes around {} m, {}{}\n", a.name, a.nodes.size(), place(a.middle),
                a.fixed()   ? "fixed"
-               : a.glued ? "glued"
+               : a.glued ? "glued to " + partner(a)
                          : fmt::format("springs of {:.3g} N/m together", a.stiffness.sum()),
                a.motion ? ", driven" : "");
   }
@@ -51,7 +59,7 @@ void validate(const SceneOptions& options) {
   const std::string chosen = config.tool.handle;
   const BuiltScene first = buildScene(config);
   printScene(config, first);
-  for (int i = 0; i < first.world.bodies(); ++i) printBody(first.world.body(i));
+  for (int i = 0; i < first.world.bodies(); ++i) printBody(first.world, i);
   printHandle(first);
   for (const std::string& note : first.notes) fmt::print("note: {}\n", note);
   if (options.overrides.handle) return;

@@ -132,6 +132,18 @@ def attached_scene(attachment, *words):
 
 LOWER = "region: {halfspace: {point: [0, 0, 0.001], normal: [0, 0, -1]}}"
 
+GLUED_PAIR = f"""\
+bodies:
+  - name: upper
+    shape: {{bar: {{size: [0.02, 0.02, 0.02], cells: [2, 2, 2]}}}}
+    pose: {{position: [0, 0, 1]}}
+    attachments: {{joint: {{{LOWER}, to: lower}}}}
+  - name: lower
+    shape: {{bar: {{size: [0.02, 0.02, 0.02], cells: [2, 2, 2]}}}}
+    pose: {{position: [0, 0, 0.98]}}
+    attachments: {{joint: {{region: {{halfspace: {{point: [0, 0, 0.019], normal: [0, 0, 1]}}}}, to: upper}}}}
+"""
+
 rejected_variants("bad-attachment", {
     "not-a-map": attached_scene("[root]", "attachments"),
     "no-region": attached_scene("{root: {}}", "attachments.root", "region"),
@@ -156,6 +168,15 @@ rejected_variants("bad-attachment", {
     "live": text_scene(SCENE.replace("  friction: 0.5\n", f"  friction: 0.5\n  attachments: {{root: {{{LOWER}}}}}\n") + "method: live\n",
                        "method", "hsl"),
     "rigid": contact_scene("rigid: true", "rigid: true\n    attachments: {}", "attachments"),
+    "to-nobody": attached_scene(f"{{root: {{{LOWER}, to: tol}}}}", "root", "to", "no body", '"tool"'),
+    "to-itself": attached_scene(f"{{root: {{{LOWER}, to: tool}}}}", "root", "itself"),
+    "to-with-stiffness": attached_scene(f"{{root: {{{LOWER}, to: tool, stiffness: 1}}}}", "root", "stiffness"),
+    "to-no-node": attached_scene("{root: {region: {sphere: {center: [0, 0, 5], radius: 0.1}}, to: tool}}", "root", "no node"),
+    "to-what-is-far": contact_scene("  friction: 0.5\n", f"  friction: 0.5\n  attachments: {{root: {{{LOWER}, to: stone}}}}\n",
+                                    "root", "from stone", "mean edge"),
+    "in-a-circle": text_scene(SCENE.partition("obstacles:\n")[0] + GLUED_PAIR, "one of the two is enough"),
+    "glued-and-live": text_scene(SCENE.partition("obstacles:\n")[0] + GLUED_PAIR.replace("lower", "tool", 1) + "method: live\n",
+                                 "method", "glued"),
 })
 
 rejected_variants("bad-contact", {

@@ -312,6 +312,44 @@ def rigid_tool(context):
             expect(check[key] <= 1e-6, f"{key} is {check[key]}")
 
 
+GLUED = RIGID_TOOL.replace(
+    "{table: {region: {halfspace: {point: [0, 0, 0.001], normal: [0, 0, -1]}}}}",
+    "{joint: {region: {halfspace: {point: [0, 0, 0.001], normal: [0, 0, -1]}}, to: bed}}\n    start: settled") + """\
+  - name: bed
+    shape: {bar: {size: [0.08, 0.08, 0.02], cells: [4, 4, 2]}}
+    pose: {position: [0, 0, -0.02]}
+    material: {youngs_modulus: 4.0e4, poisson_ratio: 0.4, density: 1000}
+    attachments: {table: {region: {halfspace: {point: [0, 0, 0.001], normal: [0, 0, -1]}}}}
+    start: settled
+"""
+
+
+@case
+def glued_bodies(context):
+    scene = context.file("scene.yaml", GLUED)
+    said = context.succeeds(["validate", scene])
+    for line in ("joint: 25 nodes around (0, 0, 0) m, glued to bed", "table: 25 nodes around (0, 0, -0.02) m, fixed"):
+        expect(line in said, f"validate does not say '{line}': {said}")
+    for method in ("live", "hsl", "hsl-exact"):
+        context.succeeds(["run", scene, "--method", method, "--pictures", "0", "--out", context.out])
+        summary = context.summary()
+        expect(summary["contact"]["max_active"] > 0, f"{method}: no contact")
+        expect(0.1 < summary["force"]["peak_N"] < 3.3, f"{method}: {summary['force']}")
+        joint, table = summary["attachments"]
+        expect(joint["body"] == "tissue" and table["body"] == "bed", f"{summary['attachments']}")
+        weight = 9.81 * 1000 * 0.08 * 0.08 * 0.02
+        expect(abs(table["last_N"][2] - joint["last_N"][2] - weight) < 0.05 * weight, f"{joint} {table}")
+        header, rows = context.table("attachments.csv")
+        expect(len(rows) == 2 * summary["visual"]["steps"], f"{len(rows)} rows")
+    for derivative in ("frozen", "full"):
+        context.succeeds(["check", "linearization", scene, "--method", "hsl-exact", "--at", "0.3", "--derivative", derivative,
+                          "--out", context.out])
+        check = context.summary()["linearization_check"]
+        expect(check["active"] > 0, "no contact")
+        for key in (f"kx_{derivative}_rel", f"kv_{derivative}_rel"):
+            expect(check[key] <= 1e-6, f"{key} is {check[key]}")
+
+
 @case
 def mesh_info_and_embed(context):
     source = context.file("ball.off", ball())

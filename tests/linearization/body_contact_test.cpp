@@ -150,6 +150,31 @@ Situation insideBlock(bool slide) {
   return s;
 }
 
+Attachment gluedAt(const BodyModel& body, double height) {
+  Attachment out;
+  out.name = "joint";
+  out.nodes = nodesWhere(body.mesh().mesh.nodes, [&](const Vec3& p) { return std::abs(p.z() - height) < 1e-9; });
+  out.glued = true;
+  return out;
+}
+
+// A soft block that is glued to another one, whose mesh is coarser, and this to a rigid plate on the ground.
+Situation onGluedBlocks(bool slide) {
+  Situation s{emptyWorld(), slide ? kRub : kPress};
+  s.world.add(heldCubeBody(0.0405));
+  BodyModel upper("upper", moved(barMesh({0.06, 0.06, 0.015}, {3, 3, 1}), at({0, 0, 0.025})), soft(3e4));
+  upper.attach(gluedAt(upper, 0.025));
+  BodyModel lower("lower", moved(barMesh({0.06, 0.06, 0.015}, {2, 2, 1}), at({0, 0, 0.01})), soft(2e4));
+  lower.attach(gluedAt(lower, 0.01));
+  s.world.add(std::move(upper));
+  s.world.add(std::move(lower));
+  const Pose pose{Vec3(0.03, 0.03, 0.005), Quat::Identity()};
+  s.world.add(BodyModel::rigid("plate", placed(boxSurface({0.07, 0.07, 0.01}), pose), 800, 2.0));
+  s.world.glue(1, 0, 2);
+  s.world.glue(2, 0, 3);
+  return s;
+}
+
 struct Case {
   const char* name;
   std::function<Situation(bool)> make;
@@ -216,12 +241,60 @@ INSTANTIATE_TEST_SUITE_P(
                                          Case{"rigid_box", onRigidBox, 2.0, 0.2}, Case{"stack", onStack, 2.0, 0.2},
                                          Case{"itself", onItself, 2.0, 0.1}, Case{"mesh", onMesh, 2.0, 0.2},
                                          Case{"flyby", flyby, 2.0, 0.1},
-                                         Case{"inside_block", insideBlock, 2.0, 0.05, true}),
+                                         Case{"inside_block", insideBlock, 2.0, 0.05, true},
+                                         Case{"glued_blocks", onGluedBlocks, 2.0, 0.2}),
                        ::testing::Bool(), ::testing::Bool()),
     [](const auto& test) {
       return std::string(std::get<0>(test.param).name) + (std::get<1>(test.param) ? "_sliding" : "_sticking") +
              (std::get<2>(test.param) ? "_exact" : "_polyhedral");
     });
+
+// --- a tool that is glued
+
+enum class Glued { on_soft, on_rigid, below, on_handle };
+
+// The tool's lower side is glued to a block; a block to the tool's lower side, or upon its handle.
+World gluedTool(Glued glued) {
+  World world = emptyWorld();
+  BodyModel tool = heldCubeBody(0.03);
+  const bool tool_has_joint = glued == Glued::on_soft || glued == Glued::on_rigid;
+  if (tool_has_joint) tool.attach(gluedAt(tool, 0.03));
+  world.add(std::move(tool));
+  if (glued == Glued::on_rigid) {
+    const Pose pose{Vec3(0.031, 0.028, 0.02), Quat::Identity()};
+    world.add(BodyModel::rigid("block", placed(boxSurface({0.05, 0.05, 0.02}, {2, 2, 1}), pose), 800));
+  } else {
+    const double height = glued == Glued::on_handle ? 0.07 : 0.01;
+    BodyModel block("block", moved(barMesh({0.05, 0.05, 0.02}, {3, 3, 2}), at({0.006, 0.003, height})), soft(3e4));
+    if (!tool_has_joint) block.attach(gluedAt(block, glued == Glued::on_handle ? 0.07 : 0.03));
+    world.add(std::move(block));
+  }
+  world.glue(tool_has_joint ? 0 : 1, 0, tool_has_joint ? 1 : 0);
+  return world;
+}
+
+TEST(GluedTool, AgreesWithCentralDifferences) {
+  for (const Glued glued : {Glued::on_soft, Glued::on_rigid, Glued::below, Glued::on_handle}) {
+    World world = gluedTool(glued);
+    const Pose start = world.tool().state.handle.pose;
+    const Vec6 motion = sixVector(0.003, 0.002, -0.002, 0.1, -0.05, 0.2);
+    DeviceTarget target{start, motion / (10 * kStep)};
+    for (int i = 1; i <= 10; ++i) {
+      target.pose = advance(start, motion * (i / 10.0));
+      ASSERT_NE(world.step(target, kStep).status, StepStatus::restored);
+    }
+    for (const DelassusModel model : {DelassusModel::exact, DelassusModel::diagonal}) {
+      LinearizationCheck check = checkLinearization(world, target, kStep, {model, Derivative::frozen});
+      EXPECT_GT(world.contacts().glued, 4);
+      EXPECT_LT(check.force_error, 1e-8);
+      EXPECT_LT(check.kx_frozen.worst(), 1e-6) << static_cast<int>(glued);
+      EXPECT_LT(check.kv_frozen.worst(), 1e-6) << static_cast<int>(glued);
+      check = checkLinearization(world, target, kStep, {model, Derivative::full});
+      EXPECT_LT(check.kx_full.worst(), 1e-5) << static_cast<int>(glued);
+      EXPECT_LT(check.kv_full.worst(), 1e-5) << static_cast<int>(glued);
+    }
+  }
+}
 
 // --- what gives way feels soft
 

@@ -4,6 +4,7 @@
 
 #include "palpate/math/decompositions.h"
 #include "palpate/math/rotation.h"
+#include "palpate/reduction/partner_compliance.h"
 #include "palpate/reduction/tool_modes.h"
 #include "shared/held_scenes.h"
 
@@ -150,6 +151,53 @@ TEST(Reduction, TurnsWithTheScene) {
   EXPECT_LT((m.squared_frequency - n.squared_frequency).norm(), 1e-6 * m.squared_frequency.norm());
   EXPECT_LT((Mat6(m.inertia) - Mat6(n.inertia)).norm(), 1e-6 * m.inertia.norm());
   EXPECT_NEAR(m.compliance.trace(), n.compliance.trace(), 1e-3 * m.compliance.trace());
+}
+
+// A block of two glued parts yields like one, also where it stands on the ground.
+TEST(PartnerCompliance, GluedBodiesYieldTogether) {
+  Material material;
+  material.youngs_modulus = 2e4;
+  const auto block = [&](const std::string& name, double low, double high, int cells) {
+    return BodyModel(name, moved(barMesh({0.04, 0.04, high - low}, {3, 3, cells}), {Vec3(0, 0, low), Quat::Identity()}),
+                     material);
+  };
+  const auto at = [](const BodyModel& body, double z) {
+    Attachment out;
+    out.name = "joint";
+    out.nodes = nodesWhere(body.mesh().mesh.nodes, [&](const Vec3& p) { return std::abs(p.z() - z) < 1e-9; });
+    return out;
+  };
+  std::vector<MatX> found;
+  for (const int parts : {1, 2}) {
+    World world;
+    BodyModel tool("tool", moved(barMesh({0.01, 0.01, 0.01}, {1, 1, 1}), {Vec3(0, 0, 1), Quat::Identity()}), material);
+    holdNodes(
+        tool, [](const Vec3& p) { return p.z() > 1.005; }, kPlainHandle);
+    world.add(std::move(tool));
+    BodyModel top = parts == 1 ? block("whole", 0, 0.04, 4) : block("top", 0.02, 0.04, 2);
+    if (parts == 2) {
+      BodyModel bottom = block("bottom", 0, 0.02, 2);
+      bottom.attach(at(bottom, 0));
+      Attachment joint = at(top, 0.02);
+      joint.glued = true;
+      top.attach(joint);
+      world.add(std::move(top));
+      world.add(std::move(bottom));
+      world.glue(1, 0, 2);
+    } else {
+      top.attach(at(top, 0));
+      world.add(std::move(top));
+    }
+    ASSERT_EQ(world.step({world.tool().state.handle.pose, Vec6::Zero()}, 0.033).status, StepStatus::ok);
+    std::vector<NodeSum> sums;
+    const auto nodes = nodesWhere(world.body(1).model.mesh().mesh.nodes,
+                                  [](const Vec3& p) { return p.z() > 0.04 - 1e-9 && p.x() < 0.03; });
+    for (std::size_t k = 0; k < 3; ++k) sums.push_back({static_cast<int>(3 * k), {{nodes[4 * k], 0.7}, {nodes[4 * k + 1], 0.3}}});
+    found.push_back(MatX::Zero(9, 9));
+    addPartnerCompliance(world, 1, sums, found.back());
+  }
+  EXPECT_GT(found[0].norm(), 1e-3);
+  EXPECT_LT((found[1] - found[0]).norm(), 1e-3 * found[0].norm());
 }
 
 }  // namespace
