@@ -39,7 +39,7 @@ void printBody(const World& world, int index) {
              body.model.totalMass(), body.model.held() ? " with its handle" : "", place(box.low), place(box.high));
   for (const Attachment& a : body.model.attachments()) {
     fmt::print("  {}: {} nodes around {} m, {}{}\n", a.name, a.nodes.size(), place(a.middle),
-               a.fixed()   ? "fixed"
+               a.fixed() ? "fixed"
                : a.glued ? "glued to " + partner(a)
                          : fmt::format("springs of {:.3g} N/m together", a.stiffness.sum()),
                a.motion ? ", driven" : "");

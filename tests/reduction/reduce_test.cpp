@@ -192,7 +192,8 @@ TEST(PartnerCompliance, GluedBodiesYieldTogether) {
     std::vector<NodeSum> sums;
     const auto nodes = nodesWhere(world.body(1).model.mesh().mesh.nodes,
                                   [](const Vec3& p) { return p.z() > 0.04 - 1e-9 && p.x() < 0.03; });
-    for (std::size_t k = 0; k < 3; ++k) sums.push_back({static_cast<int>(3 * k), {{nodes[4 * k], 0.7}, {nodes[4 * k + 1], 0.3}}});
+    for (std::size_t k = 0; k < 3; ++k)
+      sums.push_back({static_cast<int>(3 * k), {{nodes[4 * k], 0.7}, {nodes[4 * k + 1], 0.3}}});
     found.push_back(MatX::Zero(9, 9));
     addPartnerCompliance(world, 1, sums, found.back());
   }

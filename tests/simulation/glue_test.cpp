@@ -51,9 +51,7 @@ World whole(const std::array<int, 3>& cells) {
   return alone(std::move(bar));
 }
 
-double tip(const Body& body) {
-  return meanHeight(body, nodesWhere(body.model.mesh().mesh.nodes, atTip));
-}
+double tip(const Body& body) { return meanHeight(body, nodesWhere(body.model.mesh().mesh.nodes, atTip)); }
 
 double largestGap(const World& world) {
   double largest = 0;
@@ -161,7 +159,8 @@ TEST(Glue, ASoftBlockStandsOnARigidPlate) {
   Vec3 from_ground = Vec3::Zero();
   for (std::size_t i = static_cast<std::size_t>(set.glued); i < set.contacts.size(); ++i) {
     EXPECT_LT(set.contacts[i].second.body, 0);  // none between plate and block
-    from_ground += set.contacts[i].frame().transpose() * set.impulse.segment<3>(static_cast<Eigen::Index>(3 * i)) / 0.02;
+    from_ground +=
+        set.contacts[i].frame().transpose() * set.impulse.segment<3>(static_cast<Eigen::Index>(3 * i)) / 0.02;
   }
   EXPECT_LT((from_ground + weight(world.body(0)) + weight(world.body(1))).norm(), 1e-3 * from_ground.norm());
 }
@@ -235,7 +234,8 @@ TEST(Glue, TouchesBesideTheJoint) {
   double up = 0;
   for (std::size_t i = static_cast<std::size_t>(set.glued); i < set.contacts.size(); ++i) {
     EXPECT_GT(set.contacts[i].position.x(), 0.04);
-    up += (set.contacts[i].frame().transpose() * set.impulse.segment<3>(static_cast<Eigen::Index>(3 * i))).norm() / 0.01;
+    up +=
+        (set.contacts[i].frame().transpose() * set.impulse.segment<3>(static_cast<Eigen::Index>(3 * i))).norm() / 0.01;
   }
   EXPECT_GT(up, 0.1 * 40 * world.body(1).model.totalMass());
   for (const int n : tip_nodes) EXPECT_GT(world.body(1).state.positions[3 * n + 2], 0.009);

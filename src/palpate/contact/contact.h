@@ -52,7 +52,7 @@ struct ContactFeatures {
 /// same as an equality, and likewise along both tangents.
 struct Contact {
   static constexpr int kGlue = -2;  ///< as a partner
-  std::uint64_t key = 0;    ///< of the pair of features
+  std::uint64_t key = 0;            ///< of the pair of features
   std::uint64_t track = 0;  ///< of what persists while features slide on each other; carries impulses over to next step
   ContactFeatures features;
   ContactPoint first;

@@ -20,9 +20,7 @@ struct Box {
     low = low.cwiseMin(other.low);
     high = high.cwiseMax(other.high);
   }
-  double distance(const Box& other) const {
-    return (low - other.high).cwiseMax(other.low - high).cwiseMax(0.0).norm();
-  }
+  double distance(const Box& other) const { return (low - other.high).cwiseMax(other.low - high).cwiseMax(0.0).norm(); }
 };
 
 // Of triangles that do not pass through each other.

@@ -24,12 +24,12 @@ struct PairSearch {
 
   PairFront* front = nullptr;
   const PairExclusion* left_out = nullptr;  ///< of a search between two surfaces, null: nothing
-  double relative = 0;       ///< bound of how far vertices move relative to each other [m]
-  bool may_exclude = false;  ///< among the features of the present clusters
-  float clearance = 0;       ///< no two triangles of the present clusters start nearer to each other [m]
-  float box_reach = 0;       ///< reach, and what single precision loses
-  bool fast = false;         ///< boxes move by more than their size: worth asking when they meet
-  double from = 0, to = 1;   ///< the present piece of time
+  double relative = 0;                      ///< bound of how far vertices move relative to each other [m]
+  bool may_exclude = false;                 ///< among the features of the present clusters
+  float clearance = 0;                      ///< no two triangles of the present clusters start nearer to each other [m]
+  float box_reach = 0;                      ///< reach, and what single precision loses
+  bool fast = false;                        ///< boxes move by more than their size: worth asking when they meet
+  double from = 0, to = 1;                  ///< the present piece of time
   double first_hit = std::numeric_limits<double>::infinity();
 
   bool self() const { return exclusion != nullptr; }

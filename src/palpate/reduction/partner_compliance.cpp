@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "palpate/linear/dense_cholesky.h"
 #include "palpate/math/decompositions.h"
 
 namespace palpate {
@@ -36,14 +37,51 @@ MatX gramOf(BodySystem& system, const std::vector<NodeSum>& sums) {
   return 0.5 * (out + out.transpose());
 }
 
+// The same of many sums: by half of the solve, and of columns with little in them. Adds the lower triangle.
+void addGram(BodySystem& system, const std::vector<NodeSum>& sums, double scale, MatX& out) {
+  if (system.model().framed()) {
+    out += scale * gramOf(system, sums);
+    return;
+  }
+  BlockColumns columns;
+  for (const NodeSum& sum : sums) {
+    for (const auto& [node, weight] : sum.nodes) {
+      const int row = system.model().row()[node];
+      if (row >= 0) columns.add(row, weight * Mat3::Identity());
+    }
+    columns.close();
+  }
+  MatX own;
+  system.factor().gram(columns, own);
+  out.triangularView<Eigen::Lower>() += scale * own;
+}
+
+// Of the last rows' diagonal: what says the same twice does no harm.
+template <class Block>
+void shiftDiagonal(Block&& held) {
+  held.diagonal().array() += 1e-6 * held.diagonal().mean();
+}
+
 // Leaves of W the rows of the first sums, with all others held.
 MatX tied(const MatX& w, Eigen::Index m) {
   const Eigen::Index ties = w.rows() - m;
   MatX own = w.topLeftCorner(m, m);
   if (ties == 0) return own;
   MatX held = w.bottomRightCorner(ties, ties);
-  held.diagonal().array() += 1e-6 * held.diagonal().mean();
+  shiftDiagonal(held);
   own -= w.topRightCorner(m, ties) * solveSymmetric(held, w.bottomLeftCorner(ties, m));
+  return own;
+}
+
+// The same of W's lower triangle, where there are many rows.
+MatX tiedMany(const MatX& w, Eigen::Index m) {
+  const Eigen::Index ties = w.rows() - m;
+  MatX held = w.bottomRightCorner(ties, ties), half = w.bottomLeftCorner(ties, m);
+  shiftDiagonal(held);
+  MatX own = w.topLeftCorner(m, m).selfadjointView<Eigen::Lower>();
+  if (!choleskyInPlace(held)) return own;
+  held.triangularView<Eigen::Lower>().solveInPlace(half);
+  own -= half.transpose() * half;
   return own;
 }
 
@@ -87,9 +125,9 @@ MatX gluedCompliance(World& world, const std::vector<int>& bodies, const std::ve
       own.back().nodes.insert(own.back().nodes.end(), second.nodes.begin(), second.nodes.end());
     }
     BodySystem& system = world.body(b).system;
-    w += system.stiffnessScale() * gramOf(system, own);
+    addGram(system, own, system.stiffnessScale(), w);
   }
-  return tied(w, static_cast<Eigen::Index>(3 * sums.size()));
+  return tiedMany(w, static_cast<Eigen::Index>(3 * sums.size()));
 }
 
 // Of one body [m/N].

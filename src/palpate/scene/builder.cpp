@@ -305,9 +305,9 @@ void glueBodies(const SceneConfig& config, World& world) {
       if (a.to.empty()) continue;
       const auto at = std::find(names.begin(), names.end(), a.to);
       if (at == names.end()) {
-        throw InputError(bodies[i]->name + ": attachment " + a.name, "to",
-                         fmt::format("there is no body {}; the nearest is \"{}\"", shownText(a.to),
-                                     nearestWord(a.to, names)));
+        throw InputError(
+            bodies[i]->name + ": attachment " + a.name, "to",
+            fmt::format("there is no body {}; the nearest is \"{}\"", shownText(a.to), nearestWord(a.to, names)));
       }
       world.glue(static_cast<int>(i), static_cast<int>(k), static_cast<int>(at - names.begin()));
     }
@@ -361,8 +361,8 @@ class TriangleBudget {
   std::size_t spent_ = 0;
 };
 
-// One after the other with the rest held still, what is glued at once; together only if they lean on each other, as that
-// takes far longer.
+// One after the other with the rest held still, what is glued at once; together only if they lean on each other, as
+// that takes far longer.
 void settle(World& world, std::vector<int> bodies, const Pose& device, StageTeller& teller) {
   bool leaning = false;
   std::vector<int> done;

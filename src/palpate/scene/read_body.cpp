@@ -91,7 +91,8 @@ AttachmentConfig readAttachment(const Value& value, const std::string& name, con
                 numberField("damping", attachment.damping, Range::within(0.0, 1e9, "N s/m^3")),
                 {"to", [&](const Value& v) { attachment.to = v.name(); }},
                 {"motion", [&](const Value& v) { readMotion(v, attachment); }}});
-  if (!attachment.to.empty() && (attachment.stiffness || attachment.damping > 0 || !attachment.motion.keyframes.empty()))
+  if (!attachment.to.empty() &&
+      (attachment.stiffness || attachment.damping > 0 || !attachment.motion.keyframes.empty()))
     value.fail("is glued (to), and cannot have stiffness, damping or motion as well");
   if (attachment.damping > 0 && !attachment.stiffness) value.fail("has damping but no stiffness; without, it is fixed");
   return attachment;

@@ -25,7 +25,7 @@ struct Attachment {
 
 /// What an attachment does to its body in a step.
 struct AttachmentForce {
-  Vec3 force = Vec3::Zero();   ///< [N], world
+  Vec3 force = Vec3::Zero();  ///< [N], world
   /// About the middle of the attachment's nodes at rest, of glued ones where they are at the start of the step [N m],
   /// world.
   Vec3 moment = Vec3::Zero();

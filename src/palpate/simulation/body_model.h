@@ -43,8 +43,8 @@ class BodyModel {
   /// @throws InputError if that leaves no node free, or none that is connected to the handle, or if the world holds one
   ///         of the nodes
   void hold(const Handle& handle);
-  /// Lets the world hold nodes, or notes that they are to be glued: World::glue() says to what. Before the body is added
-  /// to a world; a handle's nodes are the handle's, and springs on fixed nodes do nothing.
+  /// Lets the world hold nodes, or notes that they are to be glued: World::glue() says to what. Before the body is
+  /// added to a world; a handle's nodes are the handle's, and springs on fixed nodes do nothing.
   /// @throws InputError if an attachment fixes or glues what another one or the handle has, or if no node is left free
   void attach(Attachment attachment);
 

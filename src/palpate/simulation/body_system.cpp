@@ -432,7 +432,7 @@ bool BodySystem::addImpulses(const std::vector<Contact>& contacts, const Contact
   if (model_->glues()) on_glued_.setZero(3 * model_->nodes());
   for (const int i : own.contacts) {
     const Vec3 world = contacts[i].frame().transpose() * impulse.segment<3>(3 * i);
-    if (contacts[i].glued() && contacts[i].first.body == self) {
+    if (model_->glues() && contacts[i].glued() && contacts[i].first.body == self) {
       on_glued_.segment<3>(3 * contacts[i].first.node[0]) += world;
     }
     forEachNode(contacts[i], self, [&](int node, double weight) {

@@ -21,8 +21,8 @@ struct ContactIsland : ContactRows {
 struct ContactSet {
   std::vector<Contact> contacts;  ///< those that are glued first
   int glued = 0;                  ///< how many are: equalities, always of state `stick`
-  VecX free;     ///< row velocities without contact impulse [m/s]
-  VecX impulse;  ///< lambda [N s]
+  VecX free;                      ///< row velocities without contact impulse [m/s]
+  VecX impulse;                   ///< lambda [N s]
   std::vector<ContactStatus> status;
   std::vector<ContactIsland> islands;  ///< in the order of their first contacts
   std::vector<int> island;             ///< of each contact

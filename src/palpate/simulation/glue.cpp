@@ -18,7 +18,7 @@ namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 constexpr double kOnFace = 1e-9;  // of a barycentric weight
-constexpr double kHardly = 1e-6;    // a weight that does not count in a circle
+constexpr double kHardly = 1e-6;  // a weight that does not count in a circle
 
 [[noreturn]] void refuse(const BodyModel& body, const Attachment& attachment, const char* key,
                          const std::string& cause) {
@@ -103,9 +103,10 @@ void requireNear(const BodyModel& own, const Attachment& attachment, const BodyM
                  double distance, double allowed) {
   if (distance <= allowed) return;
   refuse(own, attachment, "region",
-         fmt::format("holds a node at ({:.3g}, {:.3g}, {:.3g}) m, in the world, that is {:.2g} m from {}; it may be a mean "
-                     "edge from it, {:.2g} m",
-                     p.x(), p.y(), p.z(), distance, other.name(), allowed));
+         fmt::format(
+             "holds a node at ({:.3g}, {:.3g}, {:.3g}) m, in the world, that is {:.2g} m from {}; it may be a mean "
+             "edge from it, {:.2g} m",
+             p.x(), p.y(), p.z(), distance, other.name(), allowed));
 }
 
 using Node = std::pair<int, int>;  // body, node
@@ -143,9 +144,8 @@ Joint joinBodies(const std::vector<const BodyModel*>& models, int body, int atta
 void refuseCircles(const std::vector<const BodyModel*>& models, const std::vector<Joint>& joints) {
   std::map<Node, std::pair<const Joint*, std::size_t>> glued;
   for (const Joint& joint : joints) {
-    const std::vector<int>& nodes = models[static_cast<std::size_t>(joint.body)]
-                                        ->attachments()[static_cast<std::size_t>(joint.attachment)]
-                                        .nodes;
+    const std::vector<int>& nodes =
+        models[static_cast<std::size_t>(joint.body)]->attachments()[static_cast<std::size_t>(joint.attachment)].nodes;
     for (std::size_t k = 0; k < nodes.size(); ++k) glued[{joint.body, nodes[k]}] = {&joint, k};
   }
   std::map<Node, bool> known;  // false: the way from it is being followed
@@ -211,7 +211,8 @@ std::vector<char> surfaceAround(const BodyModel& body, const Attachment& attachm
   for (const int n : attachment.nodes) held[static_cast<std::size_t>(n)] = 1;
   for (const EmbeddedPoint& p : mesh.embedding) {
     const auto& t = mesh.mesh.tetrahedra[static_cast<std::size_t>(p.tetrahedron)];
-    out.push_back(std::any_of(t.begin(), t.end(), [&](int n) { return held[static_cast<std::size_t>(n)] != 0; }) ? 1 : 0);
+    out.push_back(std::any_of(t.begin(), t.end(), [&](int n) { return held[static_cast<std::size_t>(n)] != 0; }) ? 1
+                                                                                                                 : 0);
   }
   return out;
 }

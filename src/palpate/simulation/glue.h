@@ -18,7 +18,8 @@ struct Joint {
 
 /// Finds the places: in the partner's tetrahedron that is nearest to each node as built, or in its frame.
 /// @param body, partner  indices in `models`
-/// @throws InputError  (attachment's name, key, cause) if a node is farther than a mean edge from the partner, or if the
+/// @throws InputError  (attachment's name, key, cause) if a node is farther than a mean edge from the partner, or if
+/// the
 ///                     partner is the body itself
 Joint joinBodies(const std::vector<const BodyModel*>& models, int body, int attachment, int partner);
 

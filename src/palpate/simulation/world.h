@@ -46,8 +46,8 @@ class World {
   /// @throws InputError if the two are too far apart, the same, or glued in a circle
   void glue(int body, int attachment, int partner);
   const std::vector<Joint>& joints() const { return joints_; }
-  /// Bodies that glue holds together with this one, itself included, in order: those that are to settle together, so not
-  /// through rigid bodies that nobody holds.
+  /// Bodies that glue holds together with this one, itself included, in order: those that are to settle together, so
+  /// not through rigid bodies that nobody holds.
   std::vector<int> gluedTogether(int body) const;
   /// Contact that is left out between two bodies, the first before the second; null: none.
   const PairExclusion* leftOut(int first, int second) const { return surfaces_.leftOut(first, second); }
