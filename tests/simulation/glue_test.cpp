@@ -261,6 +261,29 @@ TEST(Glue, StateIsSavedAndRestored) {
   EXPECT_GT(touched, 0);
 }
 
+// Nodes that are glued to fixed ones are fixed.
+TEST(Glue, HoldsToWhatIsFixed) {
+  const Vec3 half(0.5 * kSize.x(), kSize.y(), kSize.z());
+  BodyModel wall = barAt("wall", half, {2, 2, 2}, 0), bar = barAt("bar", half, {5, 3, 3}, half.x());
+  wall.attach(fixed(wall, [&](const Vec3& x) { return x.x() > 1e-9; }));
+  bar.attach(glued(bar, atJoint));
+  World world;
+  world.gravity = {0, 0, -kDown};
+  world.add(std::move(wall));
+  world.add(std::move(bar));
+  world.glue(1, 0, 0);
+  BodyModel other = barAt("bar", half, {5, 3, 3}, half.x());
+  other.attach(fixed(other, atJoint));
+  World alike = alone(std::move(other));
+  for (int n = 0; n < 20; ++n) {
+    ASSERT_EQ(world.step({}, 0.01).status, StepStatus::ok);
+    ASSERT_EQ(alike.step({}, 0.01).status, StepStatus::ok);
+    EXPECT_LT((world.body(1).state.positions - alike.body(0).state.positions).norm(), 1e-10);
+    const Vec3 force = alike.body(0).system.attachmentForces()[0].force;
+    EXPECT_LT((world.body(1).system.attachmentForces()[0].force - force).norm(), 1e-6 * force.norm());
+  }
+}
+
 // What was pulled apart from outside comes together again, at a bounded speed.
 TEST(Glue, ClosesWhatWasTornOpen) {
   World world = halves({4, 2, 2}, {4, 2, 2});

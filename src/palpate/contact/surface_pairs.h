@@ -6,6 +6,7 @@
 
 #include "palpate/contact/collision_surface.h"
 #include "palpate/contact/feature_pair.h"
+#include "palpate/contact/pair_exclusion.h"
 #include "palpate/contact/pair_front.h"
 #include "palpate/contact/self_exclusion.h"
 
