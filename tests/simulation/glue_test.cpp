@@ -99,8 +99,8 @@ TEST(Glue, TwoHalvesSwingAsABar) {
 
 // Meshes that do not fit: between the coarse bar and the fine one.
 TEST(Glue, OtherMeshesBendAsWellWithinRefinement) {
-  World coarse = whole({12, 3, 3}), fine = whole({20, 5, 5}), two = halves({6, 3, 3}, {10, 5, 5}),
-        turned = halves({10, 5, 5}, {6, 3, 3});
+  World coarse = whole({8, 2, 2}), fine = whole({12, 3, 3}), two = halves({4, 2, 2}, {6, 3, 3}),
+        turned = halves({6, 3, 3}, {4, 2, 2});
   coarse.settle({0}, {});
   fine.settle({0}, {});
   const double c = tip(coarse.body(0)), f = tip(fine.body(0));
