@@ -146,14 +146,59 @@ InfoSummary runMeshInfo(const std::string& path) {
   return s;
 }
 
+namespace {
+
+void formatExtents(std::string& out, const Bounds& bounds) {
+  const Vec3 extent = bounds.high - bounds.low;
+  line(out, "size", "{:.6g} x {:.6g} x {:.6g}", extent.x(), extent.y(), extent.z());
+  line(out, "extents", "({:.6g}, {:.6g}, {:.6g}) to ({:.6g}, {:.6g}, {:.6g})", bounds.low.x(), bounds.low.y(),
+       bounds.low.z(), bounds.high.x(), bounds.high.y(), bounds.high.z());
+}
+
+bool isTetrahedral(const std::string& path) {
+  const std::string ending = endingOf(path);
+  for (const char* known : {".msh", ".vtk", ".vtu", ".node", ".ele"}) {
+    if (ending == known) return true;
+  }
+  return false;
+}
+
+}  // namespace
+
+TetrahedraInfo runTetrahedraInfo(const std::string& path) {
+  const SimulationMesh mesh = simulationMeshOf(readTetrahedra(path), path);
+  TetrahedraInfo info;
+  info.mesh = path;
+  info.tetrahedra = static_cast<int>(mesh.mesh.tetrahedra.size());
+  info.nodes = static_cast<int>(mesh.mesh.nodes.size());
+  info.surface_nodes = static_cast<int>(mesh.surface.vertices.size());
+  info.surface_triangles = static_cast<int>(mesh.surface.triangles.size());
+  for (const auto& t : mesh.mesh.tetrahedra) info.volume += tetrahedronVolume(mesh.mesh, t);
+  info.quality = measureQuality(mesh.mesh);
+  info.bounds = boundsOf(mesh.mesh.nodes);
+  return info;
+}
+
+std::string formatReport(const TetrahedraInfo& s) {
+  std::string out;
+  line(out, "tetrahedra", "{}, {} pieces ({} connected through faces)", s.tetrahedra, s.quality.components,
+       s.quality.face_components);
+  line(out, "nodes", "{}, {} on the surface of {} triangles", s.nodes, s.surface_nodes, s.surface_triangles);
+  formatExtents(out, s.bounds);
+  line(out, "volume", "{:.6g}", s.volume);
+  line(out, "worst elements", "dihedral angles {:.1f} to {:.1f} degrees, radius ratio {:.3g}, volume {:.3g}",
+       s.quality.smallest_dihedral_deg, s.quality.largest_dihedral_deg, s.quality.worst_radius_ratio,
+       s.quality.smallest_volume);
+  return out;
+}
+
 std::string formatReport(const InfoSummary& s) {
   std::string out;
   line(out, "file", "{} triangles, {} vertices", s.file_triangles, s.file_vertices);
   formatRepair(out, s.repair);
   line(out, "closed", "{}, {} pieces, Euler characteristic {}", s.repair.topology.closed() ? "yes" : "no",
        s.repair.topology.components, s.repair.topology.euler);
-  const Vec3 extent = s.bounds.high - s.bounds.low;
-  line(out, "size", "{:.6g} x {:.6g} x {:.6g}", extent.x(), extent.y(), extent.z());
+  formatExtents(out, s.bounds);
   line(out, "volume", "{:.6g} (holes closed), area {:.6g}", s.measures.volume, s.measures.area);
   const Vec3& c = s.measures.center_of_mass;
   line(out, "center of mass", "{:.6g} {:.6g} {:.6g}", c.x(), c.y(), c.z());
@@ -250,9 +295,13 @@ void addStiffness(CLI::App& group) {
 
 void addInfo(CLI::App& group) {
   const auto surface = std::make_shared<std::string>();
-  CLI::App* command = group.add_subcommand("info", "Say what is in a surface file, before and after repair");
-  addSurface(*command, *surface);
-  command->callback([surface] { fmt::print("{}", formatReport(runMeshInfo(*surface))); });
+  CLI::App* command = group.add_subcommand(
+      "info", "Say what is in a file: a surface, before and after repair, or a tetrahedral mesh");
+  command->add_option("file", *surface, "Triangle surface or tetrahedral mesh")->required()->type_name("FILE");
+  command->callback([surface] {
+    fmt::print("{}", isTetrahedral(*surface) ? formatReport(runTetrahedraInfo(*surface))
+                                             : formatReport(runMeshInfo(*surface)));
+  });
 }
 
 void addMake(CLI::App& group) {

@@ -54,6 +54,19 @@ struct InfoSummary {
 InfoSummary runMeshInfo(const std::string& surface);
 std::string formatReport(const InfoSummary& summary);
 
+/// `mesh info MESH` of a tetrahedral mesh: what a scene with `tetrahedra_file` would simulate.
+struct TetrahedraInfo {
+  std::string mesh;
+  int tetrahedra = 0, nodes = 0;
+  int surface_nodes = 0;  ///< on the boundary, which is the surface
+  int surface_triangles = 0;
+  double volume = 0;  ///< [m^3]
+  TetrahedraQuality quality;
+  Bounds bounds;
+};
+TetrahedraInfo runTetrahedraInfo(const std::string& mesh);
+std::string formatReport(const TetrahedraInfo& info);
+
 /// `mesh make SHAPE --out FILE [--size S]`: alien (height), box (edge), sphere (diameter), capsule (length, a quarter
 /// of it thick) as surfaces; bar (edge) also as .vtk, 4 x 4 x 3 cells unless given.
 struct MakeCommand {

@@ -109,7 +109,9 @@ void view(const ViewOptions& options) {
   handlers.joined = [&run](int viewer) { run.joined(viewer); };
   handlers.left = [&run](int viewer) { run.left(viewer); };
   handlers.message = [&run](int viewer, std::string_view json) { run.message(viewer, json); };
-  handlers.surface = [&run](const std::string& name, std::string&& body) { return run.surface(name, std::move(body)); };
+  handlers.surface = [&run](const std::string& name, std::string&& body, bool place) {
+    return run.surface(name, std::move(body), place);
+  };
   const ServerOptions server_options = options.serve.server();
   Server server(server_options, pageFiles(),
                 sessionMessage({"view", server_options.version, config.name, server_options.max_surface_bytes}),

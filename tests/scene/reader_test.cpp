@@ -521,7 +521,7 @@ const BadChange kBadReferences[] = {
     {"region: {sphere: {center: [0.01, 0.02, 0.03], radius: 0.04}}", "mass: 1", "tool.handles.ball (",
      "the key \"region\" is missing"},
     {"region: {sphere: {center: [0.01, 0.02, 0.03], radius: 0.04}}", "region: {}", "tool.handles.ball.region (",
-     "has 0 of the keys sphere, box, capsule, halfspace, landmark; it must have exactly one"},
+     "has 0 of the keys sphere, box, capsule, halfspace, landmark, spheres; it must have exactly one"},
     {"    ball:", "    \"a b\":", "tool.handles (", "\"a b\" is not a name"},
     {"    ball:", "    grip:", "line ", "the key 'grip' is given twice"},
     {"  - {sphere: {center: [4, 5, 6], radius: 0.5}}", "  - {name: none}", "obstacles[2] (", "has 0 of the keys plane"},

@@ -64,6 +64,7 @@ class RunningServer {
   std::vector<int> joined, left;
   std::vector<std::pair<int, std::string>> messages;
   std::vector<std::pair<std::string, std::string>> surfaces;
+  bool placed = false;  // what the last surface asked for
   Server server;
 
  private:
@@ -72,8 +73,9 @@ class RunningServer {
     h.joined = [this](int viewer) { note([&] { there.insert(viewer), joined.push_back(viewer); }); };
     h.left = [this](int viewer) { note([&] { there.erase(viewer), left.push_back(viewer); }); };
     h.message = [this](int viewer, std::string_view json) { note([&] { messages.emplace_back(viewer, json); }); };
-    h.surface = [this](const std::string& name, std::string&& body) {
+    h.surface = [this](const std::string& name, std::string&& body, bool place) {
       const bool bad = body == "bad";
+      note([&] { placed = place; });
       note([&] { surfaces.emplace_back(name, std::move(body)); });
       return bad ? std::optional<std::string>("line 1: no \"surface\"") : std::nullopt;
     };

@@ -81,6 +81,8 @@ export class BodyView {
   private readonly texture: DataTexture;
   private readonly depth: MeshDepthMaterial;
   private surface: Float32Array | null = null;
+  /** of each drawn vertex the vertex of the surface */
+  private readonly source: ArrayLike<number>;
 
   constructor(
     readonly body: BodyGeometry,
@@ -103,6 +105,7 @@ export class BodyView {
     this.texture.magFilter = NearestFilter;
 
     const shading = shadingSurface(embedAll(body, body.nodes), body.triangles);
+    this.source = shading.source;
     const drawn = shading.source.length;
     const nodes = new Float32Array(4 * drawn);
     const weights = new Float32Array(4 * drawn);
@@ -215,6 +218,13 @@ export class BodyView {
   showWire(on: boolean): void {
     this.wire.visible = on;
     (this.wire.geometry.getAttribute('position') as BufferAttribute).needsUpdate = true;
+  }
+
+  /** Draws vertices of the surface in the color of the handle, in place of what is attached. */
+  mark(marked: ArrayLike<number>): void {
+    const held = this.mesh.geometry.getAttribute('aHeld') as BufferAttribute;
+    for (let i = 0; i < this.source.length; ++i) held.setX(i, marked[this.source[i] as number] as number);
+    held.needsUpdate = true;
   }
 
   /** Surface as drawn, f32[3V]; made when asked for (picking). */

@@ -26,7 +26,7 @@ const MOVES: Record<string, [number, number, number]> = {
   PageDown: [0, 0, -1],
 };
 
-type Drag = 'hold' | 'orbit' | 'pan';
+type Drag = 'hold' | 'orbit' | 'pan' | 'paint';
 
 interface Pointer {
   x: number;
@@ -39,6 +39,8 @@ export class Hand {
   /** smoothed time from sending a hand message to a picture with its effect, ms */
   delay = NaN;
   onHold: (holding: boolean) => void = () => {};
+  /** paints at a point of the canvas; false: there is nothing to paint. `first`: a stroke begins */
+  brush: ((x: number, y: number, first: boolean) => boolean) | null = null;
 
   private drag: Drag | null = null;
   private readonly pointers = new Map<number, Pointer>();
@@ -209,7 +211,8 @@ export class Hand {
     this.primary = e.pointerId;
     if (e.button === 0 && !(e.metaKey || (e.ctrlKey && !e.shiftKey))) {
       const at = this.graspAt(p, e.pointerType === 'touch');
-      if (at) {
+      if (this.brush?.(p.x, p.y, true)) this.drag = 'paint';
+      else if (at) {
         this.take();
         if (this.holding) {
           this.byKeys = false;
@@ -233,6 +236,7 @@ export class Hand {
     }
     const dx = p.x - before.x;
     const dy = p.y - before.y;
+    if (this.drag === 'paint' && e.pointerId === this.primary) this.brush?.(p.x, p.y, false);
     if (this.pointers.size >= 2 && this.drag !== 'hold') this.pinch(e.pointerId, before, p);
     this.pointers.set(e.pointerId, p);
     const height = this.view.canvas.clientHeight || 1;

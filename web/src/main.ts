@@ -18,6 +18,7 @@ import {
 } from './dom.ts';
 import { Hand } from './hand.ts';
 import { Panel, Slider } from './panel.ts';
+import { Placing } from './placing.ts';
 import { forgetColors } from './plots.ts';
 import {
   PROTOCOL_VERSION,
@@ -40,6 +41,8 @@ import { ThemeSwitch } from './theme.ts';
 import { View3D, type Coloring } from './view3d.ts';
 
 const PLOTS_EVERY = 33; // ms
+/** keys that mean nothing while a surface is being placed */
+const OF_RUNS = [' ', '.', 'r', 'p', '5'];
 const SPEEDS = [0.05, 0.1, 0.25, 0.5, 1];
 const REPLAY_SPEEDS = [0.1, 0.25, 0.5, 1, 2, 4];
 const METHOD_NAMES: Record<string, string> = {
@@ -54,6 +57,7 @@ class App {
   private readonly hand: Hand;
   private history = new RunHistory();
   private readonly panel: Panel;
+  private readonly placing: Placing;
   private readonly theme: ThemeSwitch;
   private connection: Connection | null = null;
   private session: Session = decodeSession({});
@@ -86,6 +90,13 @@ class App {
     this.view = new View3D(byId('view', HTMLCanvasElement), element('tags'));
     this.hand = new Hand(this.view, (command) => this.send(command));
     this.panel = new Panel(this.history, () => this.state?.visualStep ?? null);
+    this.placing = new Placing(
+      this.view,
+      (placement) => this.send({ type: 'place', ...placement }),
+      (text) => this.notice('error', text),
+      () => this.send({ type: 'cancel' }),
+    );
+    this.hand.brush = (x, y, first) => this.placing.paint(x, y, first);
     this.theme = new ThemeSwitch((theme) => {
       forgetColors();
       this.view.setTheme(theme === 'dark');
@@ -171,6 +182,9 @@ class App {
       case 'notice':
         this.notice(message.level, message.text);
         break;
+      case 'saved':
+        download([message.text], message.name, 'application/yaml');
+        break;
       case 'frame':
         if (message.generation === this.generation) this.takeFrame(message);
         break;
@@ -248,8 +262,28 @@ class App {
     setText(element('s-viewers'), state.viewers > 1 ? `${state.viewers} viewers` : '');
     element('busy').hidden = state.busy === null;
     setText(element('busy-text'), state.busy ?? '');
+    this.showPlacing(state);
+    element('again').hidden = state.motion === 'none' || state.hand !== null || (state.motion === 'playing' && state.driver === 'path') || state.placing !== null;
     // The server has given the hand to another: letting go here keeps the pictures true.
     if (state.hand !== null && !mine && this.hand.isHolding) this.hand.refused();
+  }
+
+  private showPlacing(state: RunState): void {
+    if (state.generation !== this.generation) return;
+    const before = this.placing.active;
+    this.placing.show(state.placing, state.generation);
+    const { active } = this.placing;
+    if (active === before) return;
+    this.hand.enabled = !active;
+    document.body.classList.toggle('placing', active);
+    if (active && document.body.classList.contains('no-panel')) this.togglePanel();
+    element('panel').scrollTop = 0;
+    this.resize();
+  }
+
+  private playAgain(): void {
+    this.send({ type: 'play' });
+    if (this.state?.paused) this.send({ type: 'resume' });
   }
 
   private linkChanged(link: Link, wait: number): void {
@@ -439,7 +473,7 @@ class App {
     const hint = element('hint');
     if (!this.held && this.hintAfter === 0 && this.frame) this.hintAfter = now + 600;
     const red = this.view.shown.color === 'plain';
-    const wanted = red && !this.held && !this.replay && this.frame !== null && this.state?.hand === null && now > this.hintAfter;
+    const wanted = red && !this.held && !this.replay && !this.placing.active && this.frame !== null && this.state?.hand === null && now > this.hintAfter;
     if (hint.hidden === wanted) hint.hidden = !wanted;
     if (!wanted) return;
     const at = this.view.project(this.view.handleCenter);
@@ -524,6 +558,7 @@ class App {
     onPress('step', () => this.singleStep());
     onPress('reset', () => this.send({ type: 'reset' }));
     onPress('path', () => this.send({ type: 'play' }));
+    onPress('again', () => this.playAgain());
     onPress('record', () => this.send({ type: 'record', on: this.state?.recording == null }));
     onPress('theme', () => this.theme.toggle());
     onPress('help', () => this.help());
@@ -593,6 +628,7 @@ class App {
     save('save-ticks', () => download(tickTable(this.history), `${name()}-ticks.csv`, 'text/csv'));
     save('save-steps', () => download(stepTable(this.history), `${name()}-steps.csv`, 'text/csv'));
     save('save-picture', () => void this.savePicture(name()));
+    save('save-scene', () => this.send({ type: 'save' }));
   }
 
   private wireReplay(): void {
@@ -645,7 +681,7 @@ class App {
       if (e.key === ' ' && target.closest('button, summary')) return;
       if (ofPlots.includes(e.key) && target.closest('.plot canvas')) return;
       const act = keys.get(e.key);
-      if (!act) return;
+      if (!act || (this.placing.active && OF_RUNS.includes(e.key))) return;
       act();
       e.preventDefault();
     });
@@ -741,7 +777,7 @@ class App {
     element('busy').hidden = false;
     setText(element('busy-text'), `Sending ${file.name}`);
     try {
-      const response = await fetch(`surface?name=${encodeURIComponent(file.name)}`, {
+      const response = await fetch(`surface?name=${encodeURIComponent(file.name)}&place=1`, {
         method: 'POST',
         headers: { 'content-type': 'application/octet-stream' },
         body: file,
@@ -790,7 +826,10 @@ class App {
       get firstPicture() { return app.firstPicture; },
       get replayTime() { return app.replay ? app.replay.time : null; },
       get cursor() { return app.panel.time.cursor; },
-      /** pixels of the page */
+      get placement() { return app.placing.placement(); },
+      get heldVertices() { return app.placing.heldVertices; },
+      /** pixels of the page: a point of the tool's surface that faces the camera, and the handle */
+      toolScreen: () => canvasPoint(app.view.frontOfTool()),
       handleScreen: () => canvasPoint(app.view.project(app.view.handleCenter)),
     }; // prettier-ignore
     Object.defineProperty(window, 'palpate', { value: Object.freeze(debug) });

@@ -75,6 +75,26 @@ export interface RunState {
   recording: string | null;
   busy: string | null;
   viewers: number;
+  /** what the scene's own motion of the hand does */
+  motion: 'none' | 'playing' | 'over';
+  /** a dropped surface that waits to be placed */
+  placing: PlacingInfo | null;
+}
+
+export interface PlacingInfo {
+  /** of the file */
+  name: string;
+  /** sides of its bounding box, in the file's own unit */
+  extent: Vec3;
+  /** longest side as it is shown, m */
+  size: number;
+}
+
+export interface Saved {
+  type: 'saved';
+  /** of the file */
+  name: string;
+  text: string;
 }
 
 export interface Histogram {
@@ -104,7 +124,7 @@ export interface Notice {
   text: string;
 }
 
-export type TextMessage = Welcome | SceneInfo | RunState | Stats | Notice | Invalid;
+export type TextMessage = Welcome | SceneInfo | RunState | Stats | Notice | Saved | Invalid;
 
 type Json = Record<string, unknown>;
 
@@ -203,6 +223,10 @@ function decodeState(m: Json): RunState {
     recording: textOrNull(m['recording']),
     busy: textOrNull(m['busy']),
     viewers: number(m['viewers'], 1),
+    motion: m['motion'] === 'playing' || m['motion'] === 'over' ? m['motion'] : 'none',
+    placing: isObject(m['placing'])
+      ? { name: text(m['placing']['name']), extent: vec3(m['placing']['extent']), size: number(m['placing']['size'], 0.15) }
+      : null,
   };
 }
 
@@ -246,6 +270,8 @@ export function decodeText(source: string): TextMessage {
       return decodeStats(m);
     case 'notice':
       return { type: 'notice', level: m['level'] === 'error' ? 'error' : 'info', text: text(m['text']) };
+    case 'saved':
+      return { type: 'saved', name: text(m['name'], 'scene.yaml'), text: text(m['text']) };
     default:
       return invalid(`unknown message type ${JSON.stringify(m['type']) ?? 'none'}`);
   }
@@ -531,12 +557,34 @@ export interface Settings {
   stress?: boolean;
 }
 
+/** How a dropped surface becomes the tool; lengths in m, points in its rest coordinates (docs/viewer.md). */
+export type Placement = {
+  size: number;
+  rotation: Quat;
+  tetrahedra: number;
+} & (
+  | { handle: 'top' }
+  | { handle: 'box'; min: Vec3; max: Vec3 }
+  /** x, y, z of each dab of the brush */
+  | { handle: 'painted'; centers: number[]; radius: number }
+);
+
+export const PLACING_LIMITS = {
+  size: description.limits.surface_size as [number, number],
+  tetrahedra: description.limits.tetrahedra as [number, number],
+  brush: description.limits.brush as [number, number],
+  dabs: description.limits.dabs,
+};
+
 export type Command =
   | { type: 'hand'; seq: number; position: Vec3; rotation: Quat }
   | { type: 'take' | 'release' | 'play' | 'pause' | 'resume' | 'step' | 'reset' }
   | ({ type: 'set' } & Settings)
   | { type: 'scene'; name: string }
   | { type: 'record'; on: boolean }
+  | ({ type: 'place' } & Placement)
+  | { type: 'cancel' }
+  | { type: 'save' }
   | { type: 'ack'; frame: number };
 
 export const MAX_COMMAND_BYTES = description.limits.command_bytes;

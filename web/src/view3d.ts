@@ -2,15 +2,18 @@
 import {
   AmbientLight,
   Box3,
+  BoxGeometry,
   BufferAttribute,
   BufferGeometry,
   Color,
   DataTexture,
   DirectionalLight,
+  EdgesGeometry,
   Group,
   HemisphereLight,
   Line,
   LineBasicMaterial,
+  LineSegments,
   LinearFilter,
   Mesh,
   MeshLambertMaterial,
@@ -29,7 +32,7 @@ import { OrbitCamera } from './camera.ts';
 import { castRay, shadingSurface } from './embedding.ts';
 import { Ground } from './ground.ts';
 import { Arrow, Contacts, Ring, makeTriad, place, placeFrom, poseBetween, setSegment } from './markers.ts';
-import type { Frame, Geometry, Pose, SceneInfo } from './protocol.ts';
+import type { Frame, Geometry, Pose, SceneInfo, Vec3 } from './protocol.ts';
 import { rampTexels } from './ramp.ts';
 import { displacement } from './rigid_fit.ts';
 
@@ -127,6 +130,11 @@ export class View3D {
   private handleTo: Pose = this.device;
   private handle: Pose = this.device;
   private atProxy = false;
+  private placing: Pose | null = null;
+  private readonly box = new LineSegments(
+    new EdgesGeometry(new BoxGeometry(1, 1, 1)),
+    new LineBasicMaterial({ color: HELD_COLOR, depthTest: false, transparent: true }),
+  );
   private fits: Float64Array[] = [];
   private dark = false;
   private width = 1;
@@ -393,10 +401,34 @@ export class View3D {
     this.atProxy = on;
   }
 
+  /** Where the tool is drawn while it is being placed, against its rest coordinates; null: where the program has it. */
+  setPlacing(pose: Pose | null): void {
+    this.placing = pose;
+    if (!pose) this.setBox(null);
+    this.invalidate();
+  }
+
+  /** A box around a part of the tool, rest coordinates, m. */
+  setBox(box: { min: Vec3; max: Vec3 } | null): void {
+    this.box.removeFromParent();
+    if (box) {
+      const [min, max] = [new Vector3().fromArray(box.min), new Vector3().fromArray(box.max)];
+      this.box.position.copy(min).add(max).multiplyScalar(0.5);
+      this.box.scale.copy(max.sub(min)).max(new Vector3(1e-9, 1e-9, 1e-9));
+      this.toolView?.group.add(this.box);
+    }
+    this.invalidate();
+  }
+
+  get toolView(): BodyView | undefined {
+    return this.bodies.find((view) => view.body.tool);
+  }
+
   private placeTool(): void {
     for (const { body, group } of this.bodies) {
       if (!body.tool) continue;
-      if (this.atProxy) placeFrom(group, this.handle, this.proxy);
+      if (this.placing) place(group, this.placing);
+      else if (this.atProxy) placeFrom(group, this.handle, this.proxy);
       else placeFrom(group, this.proxy, this.proxy);
     }
     this.updateHeldCenter();
@@ -572,6 +604,15 @@ export class View3D {
     });
     for (const { vertices, triangles } of this.obstacles) consider(-1, false, vertices, triangles);
     return best;
+  }
+
+  /** Where the tool is hit near the middle of its box, pixels from the canvas's upper left corner. */
+  frontOfTool(): { x: number; y: number } | null {
+    const tool = this.toolView;
+    if (!tool) return null;
+    tool.group.updateMatrix();
+    const middle = new Box3().setFromArray(tool.vertices()).getCenter(new Vector3()).applyMatrix4(tool.group.matrix);
+    return this.project(middle);
   }
 
   /** Meters that a pixel is wide at a point. */

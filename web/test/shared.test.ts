@@ -94,7 +94,7 @@ test('the page reads what the program writes: binary', () => {
 
 test('every kind of message is among them', () => {
   const kinds = messages.texts.map((text) => (JSON.parse(text) as { type: string }).type);
-  assert.deepEqual([...new Set(kinds)].sort(), ['notice', 'scene', 'state', 'stats', 'welcome']);
+  assert.deepEqual([...new Set(kinds)].sort(), ['notice', 'saved', 'scene', 'state', 'stats', 'welcome']);
   assert.deepEqual([...new Set(messages.binary.map((m) => m.fields['type']))], ['geometry', 'frame', 'samples']);
 });
 
@@ -120,11 +120,27 @@ const commands: { [T in Command['type']]: Command & { type: T } } = {
   reset: { type: 'reset' },
   scene: { type: 'scene', name: 'bunny' },
   record: { type: 'record', on: true },
+  place: {
+    type: 'place',
+    size: 0.125,
+    rotation: [0.5, 0.5, -0.5, 0.5],
+    tetrahedra: 450,
+    handle: 'painted',
+    centers: [0.25, -0.5, 0.125, 0, 0, 0.5],
+    radius: 0.0625,
+  },
+  cancel: { type: 'cancel' },
+  save: { type: 'save' },
   ack: { type: 'ack', frame: 17 },
 };
 
 test('the program is tested to read what the page writes', () => {
-  const written = Object.values(commands).map((command) => encodeCommand(command));
+  const placed = { type: 'place', size: 0.25, rotation: [1, 0, 0, 0], tetrahedra: 10 } as const;
+  const others: Command[] = [
+    { ...placed, handle: 'box', min: [-0.5, 0, 0.125], max: [0.5, 0.25, 0.125] },
+    { ...placed, handle: 'top' },
+  ];
+  const written = [...Object.values(commands), ...others].map((command) => encodeCommand(command));
   if (process.env['PALPATE_WRITE_PROTOCOL'] !== undefined) writeFileSync(path('commands.json'), JSON.stringify(written, null, 1) + '\n');
   assert.deepEqual(written, read('commands.json'));
 });

@@ -21,9 +21,12 @@
 #include "palpate/common/parallel.h"
 #include "palpate/interactive/recorder.h"
 #include "palpate/interactive/running_scene.h"
+#include "palpate/interactive/surface_scene.h"
+#include "palpate/mesh/surface_measures.h"
 #include "palpate/protocol/commands.h"
 #include "palpate/results/run_files.h"
 #include "palpate/scene/overrides.h"
+#include "palpate/scene/save.h"
 
 namespace palpate {
 namespace {
@@ -42,6 +45,30 @@ double threadSeconds() {
   timespec t{};
   clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
   return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
+}
+
+/// A dropped surface that is shown and does not run yet.
+struct Placing {
+  std::filesystem::path file;
+  std::string name;
+  SurfacePreview preview;
+  SceneConfig before;  ///< what ran until it came
+};
+
+/// Whether a message makes sense while a surface waits to be placed.
+bool isForPlacing(const ViewerCommand& message) {
+  return std::holds_alternative<PlaceMessage>(message) || std::holds_alternative<CancelMessage>(message) ||
+         std::holds_alternative<SceneMessage>(message) || std::holds_alternative<ReleaseMessage>(message);
+}
+
+/// What a person wants to know of a surface that has become a tool.
+std::string describePlaced(const BuiltScene& scene) {
+  const BodyModel& tool = scene.world.tool().model;
+  const Bounds box = boundsOf(tool.mesh().surface.vertices);
+  const Vec3 mm = 1e3 * (box.high - box.low);
+  return fmt::format("{} tetrahedra, {} nodes, {} of them in the handle; {:.3g} x {:.3g} x {:.3g} mm, {:.3g} kg",
+                     scene.tetrahedra, scene.nodes, tool.handle().nodes.size(), mm.x(), mm.y(), mm.z(),
+                     tool.totalMass());
 }
 
 }  // namespace
@@ -96,16 +123,25 @@ struct InteractiveRun::Impl {
       scene->loops().stop();  // throws what ended them
     }
     scene->pump(audience, generation, again);
+    watchMotion();
+  }
+
+  // A path that has come to its end: whoever opens the page later sees nothing move.
+  void watchMotion() {
+    if (status.motion != Motion::playing) return;
+    if (scene->lastTick().time < path_start + scene->config().tool.chosenHandle().hand.keyframes.back().time) return;
+    status.motion = Motion::over;
+    publishState();
   }
 
   void startLoops() {
-    if (!settings.paused) scene->loops().start(settings.speed, std::numeric_limits<double>::infinity());
+    if (!settings.paused && !placing) scene->loops().start(settings.speed, std::numeric_limits<double>::infinity());
   }
 
   void stopLoops() { scene->loops().stop(); }
 
   // Builds a scene in place of the present one, which goes on if that fails.
-  void load(const SceneConfig& config, const std::string& busy) {
+  void load(const SceneConfig& config, const std::string& busy, std::optional<Placing> next_placing = std::nullopt) {
     if (scene) {
       status.busy = busy;
       publishState();
@@ -125,11 +161,15 @@ struct InteractiveRun::Impl {
       throw;
     }
     base = config;
+    placing = std::move(next_placing);
+    status.placing = placing ? std::optional(placing->preview) : std::nullopt;
     ++generation;
     status.busy.clear();
     command = {};
     status.hand.reset();
     status.on_path = true;
+    path_start = 0;
+    status.motion = config.tool.chosenHandle().hand.keyframes.empty() ? Motion::none : Motion::playing;
     announceScene();
     publishState();
     pump(true);
@@ -165,13 +205,16 @@ struct InteractiveRun::Impl {
   // --- commands
 
   void carryOut(int viewer, const ViewerCommand& message) {
+    if (placing && !isForPlacing(message))
+      throw InputError("message", placing->name, "waits to be placed; start or cancel it first");
     std::visit(
         Overloaded{[&](const HandMessage& m) { moveHand(viewer, m); }, [&](const TakeMessage&) { takeHand(viewer); },
                    [&](const ReleaseMessage&) { releaseHand(viewer); }, [&](const PlayMessage&) { play(); },
                    [&](const SetMessage& m) { set(m); }, [&](const PauseMessage&) { pause(true); },
                    [&](const ResumeMessage&) { pause(false); }, [&](const StepMessage&) { singleStep(); },
                    [&](const ResetMessage&) { load(base, "back to the start"); },
-                   [&](const SceneMessage& m) { openScene(m.name); }, [&](const RecordMessage& m) { record(m.on); }},
+                   [&](const SceneMessage& m) { openScene(m.name); }, [&](const RecordMessage& m) { record(m.on); }, [&](const PlaceMessage& m) { place(m); },
+                   [&](const CancelMessage&) { cancelPlacing(); }, [&](const SaveMessage&) { save(viewer); }},
         message);
   }
 
@@ -191,6 +234,7 @@ struct InteractiveRun::Impl {
     }
     status.hand = viewer;
     status.on_path = false;
+    if (status.motion == Motion::playing) status.motion = Motion::over;
     hand_moved = Clock::now();
     command.driver = HandCommand::Driver::hand;
     command.pose = scene->lastTick().device.pose;
@@ -210,6 +254,8 @@ struct InteractiveRun::Impl {
     command.driver = HandCommand::Driver::path;
     ++command.plays;
     scene->mouse().command(command);
+    path_start = scene->lastTick().time;
+    if (status.motion != Motion::none) status.motion = Motion::playing;
     publishState();
   }
 
@@ -267,6 +313,58 @@ struct InteractiveRun::Impl {
     load(options.open(*found), "opening " + name);
   }
 
+  // --- a dropped surface
+
+  void beginPlacing(const std::filesystem::path& file, const std::string& name) {
+    Placing next{file, name, {}, placing ? placing->before : base};
+    const SceneConfig config = previewOfSurface(file, name, next.preview);
+    loadSurface(config, file, "reading " + name, std::move(next));
+  }
+
+  void loadSurface(const SceneConfig& config, const std::filesystem::path& file, const std::string& busy,
+                   std::optional<Placing> next = std::nullopt) {
+    try {
+      load(config, busy, std::move(next));
+    } catch (const std::exception& e) {
+      throw RunError(withoutFolder(e.what(), file));
+    }
+  }
+
+  void placeSurface(const std::filesystem::path& file, const std::string& name, const PlaceMessage& m) {
+    loadSurface(sceneOfSurface(file, name, m), file, "making " + name + " soft");
+    notice(false, describePlaced(scene->scene()));
+    for (const std::string& note : scene->scene().notes) notice(false, note);
+  }
+
+  void requirePlacing() const {
+    if (!placing) throw InputError("message", "type", "no surface waits to be placed");
+  }
+
+  void place(const PlaceMessage& m) {
+    requirePlacing();
+    const Placing now = *placing;
+    settings.paused = false;
+    placeSurface(now.file, now.name, m);
+  }
+
+  void cancelPlacing() {
+    requirePlacing();
+    const SceneConfig before = placing->before;
+    load(before, "back to " + before.name);
+  }
+
+  // --- files
+
+  void save(int viewer) {
+    const SceneConfig& config = scene->config();
+    const bool dropped = config.file.parent_path().parent_path() == options.surface_folder;
+    std::string text = "# Saved by palpate view.\n";
+    if (dropped) text += "# Its place is the folder of the surface that it names.\n";
+    text += sceneText(config, {settings.friction, settings.stiffness},
+                      dropped ? SavedFiles::as_named : SavedFiles::absolute);
+    audience.textTo(viewer, share(savedMessage(config.name + ".yaml", text)));
+  }
+
   void record(bool on) {
     if (on == (files != nullptr)) return;
     stopLoops();
@@ -314,6 +412,8 @@ struct InteractiveRun::Impl {
   std::unique_ptr<RunFiles> files;
   std::unique_ptr<Recorder> recorder;
   std::uint32_t generation = 0;
+  std::optional<Placing> placing;
+  double path_start = 0;  // when the motion was begun, in the run's time [s]
   Clock::time_point hand_moved{};
   Clock::time_point stats_time = Clock::now();
   double stats_cpu = 0;
@@ -391,7 +491,7 @@ void InteractiveRun::message(int viewer, std::string_view json) {
   }
 }
 
-std::optional<std::string> InteractiveRun::surface(const std::string& name, std::string&& content) {
+std::optional<std::string> InteractiveRun::surface(const std::string& name, std::string&& content, bool place) {
   const auto folder = impl_->options.surface_folder / std::to_string(++impl_->surfaces);
   const auto file = folder / name;
   try {
@@ -403,7 +503,13 @@ std::optional<std::string> InteractiveRun::surface(const std::string& name, std:
   } catch (const std::exception& e) {
     return std::string("the file could not be kept: ") + e.what();
   }
-  impl_->post([i = impl_.get(), file, name] { i->load(sceneOfSurface(file, name), "making " + name + " soft"); });
+  impl_->post([i = impl_.get(), file, name, place] {
+    if (place) {
+      i->beginPlacing(file, name);
+    } else {
+      i->placeSurface(file, name, {});
+    }
+  });
   return std::nullopt;
 }
 

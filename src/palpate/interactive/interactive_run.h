@@ -69,15 +69,12 @@ class InteractiveRun {
   /// One message of a viewer; bad ones are answered with a notice.
   void message(int viewer, std::string_view json);
   /// A surface file becomes the tool of a new scene. @returns why not, if so
-  std::optional<std::string> surface(const std::string& name, std::string&& content);
+  /// @param place  shows it first, and waits until a viewer says how it is to stand and be held (PlaceMessage)
+  std::optional<std::string> surface(const std::string& name, std::string&& content, bool place = false);
 
  private:
   struct Impl;
   std::unique_ptr<Impl> impl_;
 };
-
-/// A scene in which a surface stands on the ground, held by its upper part: light, soft, 15 cm high at most.
-/// @throws InputError if the file holds no usable surface
-SceneConfig sceneOfSurface(const std::filesystem::path& file, const std::string& name);
 
 }  // namespace palpate

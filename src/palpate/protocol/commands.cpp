@@ -49,13 +49,60 @@ Eigen::Matrix<double, N, 1> vector(const Json& json, const char* key, double lim
   return out;
 }
 
+Quat unitQuaternion(const Json& json, const char* key) {
+  const auto q = vector<4>(json, key, 2.0);
+  if (q.norm() < 0.5 || q.norm() > 2.0) refuse(key, "must be a unit quaternion w x y z");
+  return Quat(q[0], q[1], q[2], q[3]).normalized();
+}
+
 HandMessage hand(const Json& json) {
   HandMessage out;
   out.sequence = static_cast<std::uint32_t>(number(member(json, "seq"), "seq", {0, 4294967295.0}));
   out.pose.position = vector<3>(member(json, "position"), "position", protocol::kFarthest);
-  const auto q = vector<4>(member(json, "rotation"), "rotation", 2.0);
-  if (q.norm() < 0.5 || q.norm() > 2.0) refuse("rotation", "must be a unit quaternion w x y z");
-  out.pose.rotation = Quat(q[0], q[1], q[2], q[3]).normalized();
+  out.pose.rotation = unitQuaternion(member(json, "rotation"), "rotation");
+  return out;
+}
+
+PlaceMessage::Handle handleKind(const Json& json) {
+  const std::string name = text(json, "handle");
+  if (name == "top") return PlaceMessage::Handle::top;
+  if (name == "box") return PlaceMessage::Handle::box;
+  if (name != "painted") refuse("handle", "must be top, box or painted");
+  return PlaceMessage::Handle::painted;
+}
+
+// x, y, z of one after the other: a message is not to be deep.
+std::vector<Vec3> points(const Json& json, const char* key) {
+  if (!json.is_array() || json.empty() || json.size() % 3 != 0 || json.size() > 3 * protocol::kMostDabs)
+    refuse(key, fmt::format("must be three numbers each for 1 to {} points", protocol::kMostDabs));
+  std::vector<Vec3> out(json.size() / 3);
+  for (std::size_t i = 0; i < json.size(); ++i)
+    out[i / 3][static_cast<Eigen::Index>(i % 3)] = number(json[i], key, {-protocol::kFarthest, protocol::kFarthest});
+  return out;
+}
+
+void placeBox(const Json& json, PlaceMessage& out) {
+  out.min = vector<3>(member(json, "min"), "min", protocol::kFarthest);
+  out.max = vector<3>(member(json, "max"), "max", protocol::kFarthest);
+  if ((out.min.array() > out.max.array()).any()) refuse("min", "must not be above max");
+}
+
+PlaceMessage place(const Json& json) {
+  using Handle = PlaceMessage::Handle;
+  PlaceMessage out;
+  out.size = number(member(json, "size"), "size", protocol::kSurfaceSize);
+  out.rotation = unitQuaternion(member(json, "rotation"), "rotation");
+  const double count = number(member(json, "tetrahedra"), "tetrahedra", protocol::kTetrahedra);
+  if (count != std::floor(count)) refuse("tetrahedra", "must be a whole number");
+  out.tetrahedra = static_cast<int>(count);
+  out.handle = handleKind(member(json, "handle"));
+  if (out.handle == Handle::box) placeBox(json, out);
+  if (out.handle == Handle::painted) {
+    out.centers = points(member(json, "centers"), "centers");
+    out.radius = number(member(json, "radius"), "radius", protocol::kBrush);
+  }
+  const std::size_t keys = out.handle == Handle::top ? 5 : 7;
+  if (json.size() != keys) refuse("place", "has keys that do not belong to it");
   return out;
 }
 
@@ -108,6 +155,9 @@ constexpr std::array kCommands{
     Command{"reset", plain<ResetMessage>},
     Command{"scene", [](const Json& m) -> ViewerCommand { return SceneMessage{text(member(m, "name"), "name")}; }},
     Command{"record", [](const Json& m) -> ViewerCommand { return RecordMessage{flag(member(m, "on"), "on")}; }},
+    Command{"place", [](const Json& m) -> ViewerCommand { return place(m); }},
+    Command{"cancel", plain<CancelMessage>},
+    Command{"save", plain<SaveMessage>},
 };
 
 template <class Table>

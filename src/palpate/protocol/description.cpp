@@ -50,6 +50,10 @@ std::string protocolDescription() {
                    {"farthest", kFarthest},
                    {"command_bytes", kMaxCommandBytes},
                    {"text_bytes", kMaxTextBytes},
+                   {"surface_size", range(kSurfaceSize)},
+                   {"tetrahedra", range(kTetrahedra)},
+                   {"brush", range(kBrush)},
+                   {"dabs", kMostDabs},
                    {"surface_bytes", kMaxSurfaceBytes}};
   return out.dump(2) + "\n";
 }

@@ -1,6 +1,7 @@
 #include "palpate/protocol/messages.h"
 
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <cmath>
 #include <nlohmann/json.hpp>
@@ -123,6 +124,7 @@ std::string sceneMessage(const SceneConfig& config, const BuiltScene& scene, con
 
 std::string stateMessage(const SceneConfig& config, const InteractiveSettings& settings,
                          const InteractiveStatus& status, std::uint32_t generation) {
+  constexpr std::array kMotions{"none", "playing", "over"};
   Json out{{"type", "state"},
            {"generation", generation},
            {"handle", config.tool.handle},
@@ -137,8 +139,11 @@ std::string stateMessage(const SceneConfig& config, const InteractiveSettings& s
            {"stress", settings.stress},
            {"recording", orNull(status.recording)},
            {"busy", orNull(status.busy)},
-           {"viewers", status.viewers}};
+           {"viewers", status.viewers},
+           {"motion", kMotions[static_cast<std::size_t>(status.motion)]},
+           {"placing", nullptr}};
   if (status.hand) out["hand"] = *status.hand;
+  if (const auto& p = status.placing) out["placing"] = {{"name", p->name}, {"extent", toJson(p->extent)}, {"size", p->size}};
   return dump(out);
 }
 
@@ -147,6 +152,10 @@ std::string noticeMessage(bool error, const std::string& text) {
   std::replace_if(
       line.begin(), line.end(), [](char c) { return c == '\n' || c == '\r'; }, ' ');
   return dump({{"type", "notice"}, {"level", error ? "error" : "info"}, {"text", line}});
+}
+
+std::string savedMessage(const std::string& name, const std::string& text) {
+  return dump({{"type", "saved"}, {"name", name}, {"text", text}});
 }
 
 std::string statsMessage(const LoopFigures& figures, const PeriodicReport& report) {

@@ -34,6 +34,17 @@ struct InteractiveSettings {
   bool stress = false;  ///< frames carry it
 };
 
+/// What the scene's own motion of the hand does: there is none, it moves the hand, or it does not (it has come to its
+/// end, or somebody has taken the hand).
+enum class Motion { none, playing, over };
+
+/// A dropped surface that waits to be placed (PlaceMessage), as it is shown meanwhile.
+struct SurfacePreview {
+  std::string name;             ///< of the file
+  Vec3 extent = Vec3::Zero();   ///< sides of the bounding box, in the file's own unit
+  double size = 0.0;            ///< longest side as it is shown [m]
+};
+
 /// Who is there and what goes on, besides the settings.
 struct InteractiveStatus {
   std::optional<int> hand;  ///< viewer that holds the device
@@ -41,6 +52,8 @@ struct InteractiveStatus {
   int viewers = 0;
   std::string recording;  ///< folder; empty: none
   std::string busy;       ///< what is being done meanwhile; empty: nothing
+  Motion motion = Motion::none;
+  std::optional<SurfacePreview> placing;
 };
 
 /// JSON `scene`.
@@ -51,6 +64,9 @@ std::string stateMessage(const SceneConfig& config, const InteractiveSettings& s
                          const InteractiveStatus& status, std::uint32_t generation);
 /// JSON `notice`; line ends in the text become spaces.
 std::string noticeMessage(bool error, const std::string& text);
+
+/// JSON `saved`: a scene's file for whoever asked for it.
+std::string savedMessage(const std::string& name, const std::string& text);
 
 struct LoopFigures {
   std::uint64_t ticks = 0, missed = 0, dropped = 0;

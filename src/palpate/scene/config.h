@@ -3,6 +3,7 @@
 #include <array>
 #include <cstdint>
 #include <filesystem>
+#include <memory>
 #include <optional>
 #include <string>
 #include <variant>
@@ -18,6 +19,8 @@
 #include "palpate/rigid/link.h"
 
 namespace palpate {
+
+struct DocumentNode;
 
 // A scene as its file states it: plain values in SI units, angles in radians (the file has degrees), z up,
 // right-handed. Everything here has been checked by the reader (scene/reader.h): numbers are finite and in range, names
@@ -126,8 +129,13 @@ struct LandmarkRegionConfig {
   std::string landmark;
   double radius = 0.0;
 };
-using RegionConfig =
-    std::variant<SphereRegionConfig, BoxRegionConfig, CapsuleRegionConfig, HalfspaceRegionConfig, LandmarkRegionConfig>;
+/// Balls of one size, together: what a brush leaves.
+struct SpheresRegionConfig {
+  std::vector<Vec3> centers;  ///< at least one
+  double radius = 0.0;
+};
+using RegionConfig = std::variant<SphereRegionConfig, BoxRegionConfig, CapsuleRegionConfig, HalfspaceRegionConfig,
+                                  LandmarkRegionConfig, SpheresRegionConfig>;
 
 /// Other material in a region; what the file leaves out is the body's.
 struct MaterialPartConfig : ElementMaterial {
@@ -266,7 +274,8 @@ struct SafetyConfig {
 };
 
 struct SceneConfig {
-  std::filesystem::path file;  ///< where it was read from
+  std::filesystem::path file;                  ///< where it was read from
+  std::shared_ptr<const DocumentNode> source;  ///< what was read; null for a scene that was not
   std::string name;
   std::string description;
   Vec3 gravity{0.0, 0.0, -9.81};        ///< [m/s^2]

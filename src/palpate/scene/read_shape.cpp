@@ -135,6 +135,17 @@ LandmarkRegionConfig readLandmarkRegion(const Value& value) {
   return region;
 }
 
+SpheresRegionConfig readSpheresRegion(const Value& value) {
+  constexpr std::size_t kMaxSpheres = 1000;
+  SpheresRegionConfig region;
+  const auto readCenters = [&](const Value& list) {
+    for (const Value& item : list.items(kMaxSpheres)) region.centers.push_back(item.vector(kCoordinate));
+    if (region.centers.empty()) list.fail("is empty; at least one center is needed");
+  };
+  value.fields({required({"centers", readCenters}), required(numberField("radius", region.radius, kSize))});
+  return region;
+}
+
 }  // namespace
 
 std::string readFileName(const Value& value) {
@@ -172,7 +183,7 @@ Field regionField(RegionConfig& region, const ShapeConfig& shape) {
   };
   const std::vector<Field> choices{field("sphere", readSphereRegion), field("box", readBoxRegion),
                                    field("capsule", readCapsuleRegion), field("halfspace", readHalfspaceRegion),
-                                   field("landmark", readLandmark)};
+                                   field("landmark", readLandmark), field("spheres", readSpheresRegion)};
   return required({"region", [choices](const Value& value) { value.oneOf(choices); }});
 }
 

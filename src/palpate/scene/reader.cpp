@@ -199,7 +199,8 @@ void readRoot(const Value& root, SceneConfig& config) {
 
 SceneConfig readSceneFromString(std::string_view text, const std::string& name) {
   SceneConfig config;
-  readRoot(Value(name, "", parseDocument(text, name)), config);
+  config.source = parseDocument(text, name);
+  readRoot(Value(name, "", config.source), config);
   if (const auto cause = timingObjection(config)) throw InputError(name, "visual.step", *cause);
   if (const auto cause = sizeObjection(config)) throw InputError(name, "", *cause);
   if (const auto cause = methodObjection(config)) throw InputError(name, "method", *cause);

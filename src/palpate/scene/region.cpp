@@ -23,6 +23,9 @@ bool inside(const CapsuleRegionConfig& r, const Vec3& x) {
 }
 bool inside(const HalfspaceRegionConfig& r, const Vec3& x) { return r.normal.dot(x - r.point) >= 0; }
 bool inside(const LandmarkRegionConfig&, const Vec3&) { return false; }
+bool inside(const SpheresRegionConfig& r, const Vec3& x) {
+  return std::any_of(r.centers.begin(), r.centers.end(), [&](const Vec3& c) { return (x - c).norm() <= r.radius; });
+}
 
 }  // namespace
 

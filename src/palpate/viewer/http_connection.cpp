@@ -186,10 +186,14 @@ class HttpConnection final : public Connection {
       return answerError(http::status::bad_request,
                          "the file's name (?name=) is missing, longer than 100 characters or has control characters");
     }
+    const auto place = queryValue(target(), "place");
+    if (place && *place != "0" && *place != "1")
+      return answerError(http::status::bad_request, "place must be 0 or 1");
     if (core_.receiving_surface)
       return answerError(http::status::service_unavailable, "another surface is being sent; try again");
     core_.receiving_surface = owns_upload_ = true;
     surface_name_ = *name;
+    place_surface_ = place == "1";
     keep_after_upload_ = request().keep_alive();
     const bool expects = beast::iequals(request()[http::field::expect], "100-continue");
     upload_end_ = Clock::now() + kMaxUploadTime;
@@ -217,7 +221,7 @@ class HttpConnection final : public Connection {
     std::string body = std::move(upload_->get().body());
     endUpload();
     if (body.empty()) return answerError(http::status::bad_request, "the file is empty");
-    if (const auto error = core_.handlers.surface(surface_name_, std::move(body)))
+    if (const auto error = core_.handlers.surface(surface_name_, std::move(body), place_surface_))
       return answerError(http::status::bad_request, *error);
     answerJson(http::status::accepted, {{"name", surface_name_}});
   }
@@ -374,6 +378,7 @@ class HttpConnection final : public Connection {
 
   std::optional<http::request_parser<http::string_body>> upload_;
   std::string surface_name_;
+  bool place_surface_ = false;
   Clock::time_point upload_end_;
   bool owns_upload_ = false, keep_after_upload_ = false;
 };

@@ -33,8 +33,9 @@ struct ServerHandlers {
   /// One text message of a viewer, UTF-8, at most 4 kB; not `ack`, which the server obeys itself.
   std::function<void(int viewer, std::string_view json)> message;
   /// A surface file was sent. `name` is a plain file name: no slashes, no control characters, at most 100 characters.
+  /// @param place  it is to be shown and placed first (&place=1)
   /// @return nothing where it is taken (202), else what is wrong with it, for people (400)
-  std::function<std::optional<std::string>(const std::string& name, std::string&& body)> surface;
+  std::function<std::optional<std::string>(const std::string& name, std::string&& body, bool place)> surface;
 };
 
 /// A file of the page, from the program itself.
