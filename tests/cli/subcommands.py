@@ -355,6 +355,12 @@ def mesh_info_and_embed(context):
     source = context.file("ball.off", ball())
     info = context.succeeds(["mesh", "info", source])
     expect("320" in info, f"the count of triangles is missing: {info!r}")
+    points = [tuple(map(float, l.split())) for l in ball().splitlines() if len(l.split()) == 3 and not l.endswith(" 0")]
+    said = re.search(r"extents +\((.*), (.*), (.*)\) to \((.*), (.*), (.*)\)", info)
+    expect(said, f"no extents: {info!r}")
+    for k in range(6):
+        expected = (min, max)[k // 3](p[k % 3] for p in points)
+        expect(abs(float(said[k + 1]) - expected) < 1e-5, f"extent {k} is not {expected}: {info!r}")
     output = context.succeeds(["mesh", "embed", source, "--tets", "200"])
     for word in ("volume", "tetrahedra", "worst", "outside"):
         expect(word in output.lower(), f"the report does not say '{word}': {output!r}")

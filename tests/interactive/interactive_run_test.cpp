@@ -13,6 +13,9 @@
 #include <nlohmann/json.hpp>
 #include <thread>
 
+#include "palpate/interactive/surface_scene.h"
+#include "palpate/mesh/surface_measures.h"
+#include "palpate/scene/reader.h"
 #include "shared/soft_cube.h"
 
 namespace palpate {
@@ -40,7 +43,7 @@ class Listener final : public Audience {
   void text(Bytes json) override {
     const std::lock_guard lock(mutex_);
     const Json j = Json::parse(*json);
-    (j["type"] == "notice" ? notices_ : stats_).push_back(j);
+    (j["type"] == "notice" ? notices_ : j["type"] == "saved" ? saved_ : stats_).push_back(j);
     changed_.notify_all();
   }
   void textTo(int, Bytes json) override { text(std::move(json)); }
@@ -75,7 +78,7 @@ class Listener final : public Audience {
   }
 
   Json scene_, state_;
-  std::vector<Json> notices_, stats_;
+  std::vector<Json> notices_, stats_, saved_;
   std::uint32_t step_ = 0, hand_sequence_ = 0;
   std::uint64_t ticks_ = 0;
   int greetings = 0;
@@ -230,20 +233,135 @@ TEST_F(InteractiveRunTest, RecordsARunThatCanBeShownAgain) {
   EXPECT_EQ(ticks, rowsOf(folder / "haptic.csv"));
 }
 
+/// 2 by 1 by 1.
+std::string block() {
+  return "OFF\n8 6 0\n0 0 0\n2 0 0\n2 1 0\n0 1 0\n0 0 1\n2 0 1\n2 1 1\n0 1 1\n"
+         "4 0 3 2 1\n4 4 5 6 7\n4 0 1 5 4\n4 1 2 6 5\n4 2 3 7 6\n4 3 0 4 7\n";
+}
+
 TEST_F(InteractiveRunTest, HoldsASurfaceThatIsDropped) {
   InteractiveRun run(softCube(), options_, listener_);
   run.start();
-  EXPECT_FALSE(run.surface("block.off",
-                           "OFF\n8 6 0\n0 0 0\n2 0 0\n2 1 0\n0 1 0\n0 0 1\n2 0 1\n2 1 1\n0 1 1\n"
-                           "4 0 3 2 1\n4 4 5 6 7\n4 0 1 5 4\n4 1 2 6 5\n4 2 3 7 6\n4 3 0 4 7\n"));
+  EXPECT_FALSE(run.surface("block.off", block()));
   EXPECT_TRUE(listener_.wait([](Listener& l) { return l.greetings == 2 && l.scene_["name"] == "block"; }));
   const auto step = listener_.now(&Listener::step_);
   EXPECT_FALSE(run.surface("bad.obj", "v 0 0\n"));
-  EXPECT_TRUE(listener_.wait([](Listener& l) { return !l.notices_.empty(); }));
+  EXPECT_TRUE(listener_.wait([](Listener& l) { return !l.notices_.empty() && l.notices_.back()["level"] == "error"; }));
   const std::string text = listener_.now(&Listener::notices_).back()["text"];
   EXPECT_NE(text.find("bad.obj"), std::string::npos) << text;
   EXPECT_EQ(text.find(folder_.string()), std::string::npos) << text;
   EXPECT_TRUE(listener_.wait([step](Listener& l) { return l.step_ > step + 3; }));  // the block goes on
+}
+
+TEST_F(InteractiveRunTest, PlacesASurfaceBeforeItRuns) {
+  InteractiveRun run(softCube(), options_, listener_);
+  run.start();
+  const auto refused = [&](const std::string& message, const std::string& words) {
+    const auto before = listener_.now(&Listener::notices_).size();
+    run.message(1, message);
+    ASSERT_TRUE(listener_.wait([&](Listener& l) { return l.notices_.size() > before; })) << message;
+    const Json last = listener_.now(&Listener::notices_).back();
+    EXPECT_EQ(last["level"], "error") << message;
+    EXPECT_NE(last["text"].get<std::string>().find(words), std::string::npos) << last;
+    EXPECT_EQ(last["text"].get<std::string>().find(folder_.string()), std::string::npos) << last;
+  };
+  const std::string placement = R"({"type":"place","size":0.1,"rotation":[0.5,0.5,0.5,0.5],"tetrahedra":200,"handle":)";
+  refused(placement + R"("top"})", "no surface waits");
+  refused(R"({"type":"cancel"})", "no surface waits");
+  EXPECT_FALSE(run.surface("my block!.off", block(), true));
+  ASSERT_TRUE(listener_.wait([](Listener& l) { return l.greetings == 2 && l.state_["placing"].is_object(); }));
+  const Json placing = listener_.now(&Listener::state_)["placing"];
+  EXPECT_EQ(placing["name"], "my block!.off");
+  EXPECT_EQ(placing["extent"], Json({2.0, 1.0, 1.0}));
+  EXPECT_EQ(placing["size"], 0.15);
+  for (const char* early : {"pause", "resume", "step", "reset", "take", "play", "save"})
+    refused(std::string(R"({"type":")") + early + "\"}", "waits to be placed");
+  refused(R"({"type":"set","method":"vc"})", "waits to be placed");
+  refused(R"({"type":"record","on":true})", "waits to be placed");
+  refused(placement + R"("painted","centers":[9,9,9],"radius":0.01})", "node");  // holds none: it still waits
+  refused(R"({"type":"place","size":0.1})", "rotation");
+  const auto ticks = listener_.now(&Listener::ticks_);
+  std::this_thread::sleep_for(std::chrono::milliseconds(100));
+  EXPECT_EQ(listener_.now(&Listener::ticks_), ticks);
+  run.message(1, R"({"type":"cancel"})");
+  ASSERT_TRUE(listener_.wait([](Listener& l) { return l.state_["placing"].is_null() && l.scene_["name"] != "my-block-"; }));
+  EXPECT_TRUE(listener_.wait([&](Listener& l) { return l.ticks_ > ticks + 20; }));
+
+  EXPECT_FALSE(run.surface("my block!.off", block(), true));
+  ASSERT_TRUE(listener_.wait([](Listener& l) { return l.state_["placing"].is_object(); }));
+  const auto notices = listener_.now(&Listener::notices_).size();
+  run.message(1, placement + R"("box","min":[-1,-1,0.025],"max":[1,1,1]})");
+  ASSERT_TRUE(listener_.wait([](Listener& l) { return l.state_["placing"].is_null() && l.scene_["name"] == "my-block-"; }));
+  ASSERT_TRUE(listener_.wait([&](Listener& l) { return l.notices_.size() > notices; }));
+  const std::string said = listener_.now(&Listener::notices_)[notices]["text"];
+  EXPECT_NE(said.find("tetrahedra, "), std::string::npos) << said;
+  EXPECT_NE(said.find("50 x 100 x 50 mm"), std::string::npos) << said;  // x has become y, y z and z x
+  const auto after = listener_.now(&Listener::ticks_);
+  EXPECT_TRUE(listener_.wait([&](Listener& l) { return l.ticks_ > after + 20; }));
+}
+
+TEST_F(InteractiveRunTest, SavesASceneThatIsTheSame) {
+  InteractiveRun run(softCube(), options_, listener_);
+  run.start();
+  run.message(1, R"({"type":"set","stiffness":2})");
+  run.message(1, R"({"type":"save"})");
+  ASSERT_TRUE(listener_.wait([](Listener& l) { return l.saved_.size() == 1; }));
+  const std::string cube = listener_.now(&Listener::saved_).back()["text"];
+  EXPECT_EQ(readSceneFromString(cube, "cube.yaml").tool.material.youngs_modulus, 4e4);
+  run.message(1, R"({"type":"set","stiffness":1})");
+  EXPECT_FALSE(run.surface("block.off", block(), true));
+  ASSERT_TRUE(listener_.wait([](Listener& l) { return l.state_["placing"].is_object(); }));
+  run.message(1, R"({"type":"place","size":0.1,"rotation":[0.8,0.6,0,0],"tetrahedra":200,"handle":"painted",)"
+                 R"("centers":[0.05,0,0.05,0,0,0.05],"radius":0.03})");
+  ASSERT_TRUE(listener_.wait([](Listener& l) { return l.state_["placing"].is_null() && l.scene_["name"] == "block"; }));
+  run.message(1, R"({"type":"set","method":"hsl","visual_step":0.02,"friction":1.5})");
+  run.message(1, R"({"type":"save"})");
+  ASSERT_TRUE(listener_.wait([](Listener& l) { return l.saved_.size() == 2; }));
+  const Json saved = listener_.now(&Listener::saved_).back();
+  run.stop();
+  EXPECT_EQ(saved["name"], "block.yaml");
+  const std::string text = saved["text"];
+  EXPECT_EQ(text.find(folder_.string()), std::string::npos) << text;
+
+  const auto folder = folder_ / "mine";
+  std::filesystem::create_directories(folder);
+  std::ofstream(folder / "block.off") << block();
+  std::ofstream(folder / "block.yaml") << text;
+  const SceneConfig again = readScene(folder / "block.yaml");
+  EXPECT_EQ(again.method, MethodName::hsl);
+  EXPECT_EQ(again.visual_step, 0.02);
+  EXPECT_EQ(again.obstacles.at(0).friction, 0.75);
+  PlaceMessage placement;
+  placement.size = 0.1;
+  placement.rotation = Quat(0.8, 0.6, 0, 0);
+  placement.tetrahedra = 200;
+  placement.handle = PlaceMessage::Handle::painted;
+  placement.centers = {{0.05, 0, 0.05}, {0, 0, 0.05}};
+  placement.radius = 0.03;
+  const BuiltScene one = buildScene(sceneOfSurface(folder / "block.off", "block.off", placement));
+  const BuiltScene two = buildScene(again);
+  EXPECT_GT(two.world.tool().model.handle().nodes.size(), 3u);
+  EXPECT_EQ(one.world.tool().model.handle().nodes, two.world.tool().model.handle().nodes);
+  EXPECT_EQ(one.world.tool().model.totalMass(), two.world.tool().model.totalMass());
+  EXPECT_EQ(one.start.position, two.start.position);
+  EXPECT_EQ(one.start.rotation.coeffs(), two.start.rotation.coeffs());
+  EXPECT_NEAR(boundsOf(two.world.tool().model.mesh().surface.vertices).low.z(), 0.0, 1e-9);
+}
+
+TEST_F(InteractiveRunTest, MotionComesToItsEndAndCanBeBegunAgain) {
+  SceneConfig config = softCube();
+  config.tool.chosenHandle().hand.keyframes = {{0.0, Vec3::Zero(), Vec3::Zero()}, {0.2, Vec3(0, 0, 0.01), Vec3::Zero()}};
+  InteractiveRun run(config, options_, listener_);
+  run.start();
+  EXPECT_TRUE(listener_.wait([](Listener& l) { return l.state_["motion"] == "over"; }));
+  run.joined(2);  // too late to see it
+  run.message(2, R"({"type":"play"})");
+  EXPECT_TRUE(listener_.wait([](Listener& l) { return l.state_["motion"] == "playing"; }));
+  EXPECT_TRUE(listener_.wait([](Listener& l) { return l.state_["motion"] == "over"; }));
+  config.tool.chosenHandle().hand.keyframes.clear();
+  InteractiveRun still(config, options_, listener_);
+  still.start();
+  EXPECT_TRUE(listener_.wait([](Listener& l) { return l.state_["motion"] == "none"; }));
 }
 
 }  // namespace

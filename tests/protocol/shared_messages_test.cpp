@@ -269,6 +269,8 @@ std::vector<std::string> texts(const BuiltScene& scene) {
   status.viewers = 4;
   status.recording = "out/recorded";
   status.busy = "meshing";
+  status.motion = Motion::over;
+  status.placing = SurfacePreview{"own.obj", Vec3(1, 2, 4), 0.125};
   LoopFigures figures;
   figures.ticks = 1001;
   figures.missed = 2;
@@ -287,7 +289,8 @@ std::vector<std::string> texts(const BuiltScene& scene) {
           stateMessage(tinyConfig(), {}, {}, kGeneration),
           statsMessage(figures, report),
           noticeMessage(true, "what went wrong"),
-          noticeMessage(false, "what happened")};
+          noticeMessage(false, "what happened"),
+          savedMessage("tiny.yaml", "palpate: 1\nname: \"tiny\"\n")};
 }
 
 std::string hex(const std::string& bytes) {
@@ -402,6 +405,21 @@ Json arguments(const SetMessage& m) {
 }
 Json arguments(const SceneMessage& m) { return {{"name", m.name}}; }
 Json arguments(const RecordMessage& m) { return {{"on", m.on}}; }
+Json arguments(const PlaceMessage& m) {
+  using Handle = PlaceMessage::Handle;
+  const Quat& q = m.rotation;
+  Json out{{"size", m.size}, {"rotation", {q.w(), q.x(), q.y(), q.z()}}, {"tetrahedra", m.tetrahedra}};
+  out["handle"] = m.handle == Handle::top ? "top" : m.handle == Handle::box ? "box" : "painted";
+  if (m.handle == Handle::box) {
+    out["min"] = floatsOf(m.min);
+    out["max"] = floatsOf(m.max);
+  }
+  if (m.handle == Handle::painted) {
+    out["centers"] = flatPoints(m.centers);
+    out["radius"] = m.radius;
+  }
+  return out;
+}
 template <class Message>
 Json arguments(const Message&) {
   return Json::object();

@@ -17,6 +17,10 @@ TEST(Region, HoldsItsInsideAndItsBoundary) {
   EXPECT_TRUE(contains(CapsuleRegionConfig{{1, 1, 1}, {1, 1, 1}, 0.25}, {1, 1, 1.25}));
   EXPECT_TRUE(contains(HalfspaceRegionConfig{{0, 0, 1}, {0, 0, 1}}, {5, 5, 1}));
   EXPECT_FALSE(contains(HalfspaceRegionConfig{{0, 0, 1}, {0, 0, 1}}, {5, 5, 0.99}));
+  const SpheresRegionConfig spheres{{{0, 0, 0}, {3, 0, 0}}, 0.5};
+  EXPECT_TRUE(contains(spheres, {0, 0.5, 0}));
+  EXPECT_TRUE(contains(spheres, {2.6, 0, 0.1}));
+  EXPECT_FALSE(contains(spheres, {1.5, 0, 0}));  // between them
 }
 
 TEST(Region, LandmarksBecomeSpheres) {

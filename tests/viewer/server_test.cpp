@@ -201,6 +201,11 @@ TEST(Server, TakesSurfaces) {
   EXPECT_EQ(taken.body, "{\"name\":\"my bunny.obj\"}\n");
   ASSERT_EQ(running.surfaces.size(), 1u);
   EXPECT_EQ(running.surfaces[0], std::make_pair(std::string("my bunny.obj"), std::string("v 0 0 0")));
+  EXPECT_FALSE(running.placed);
+  EXPECT_EQ(ask(port, "POST", "/surface?name=a.obj&place=1", "", "v").status, 202);
+  EXPECT_TRUE(running.placed);
+  EXPECT_EQ(ask(port, "POST", "/surface?name=a.obj&place=2", "", "v").status, 400);
+  EXPECT_EQ(ask(port, "POST", "/surface?name=a.obj&place=yes", "", "v").status, 400);
   const auto bad = ask(port, "POST", "/surface?name=a.obj", "", "bad");
   EXPECT_EQ(bad.status, 400);
   EXPECT_EQ(bad.body, "{\"error\":\"line 1: no \\\"surface\\\"\"}\n");

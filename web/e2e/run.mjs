@@ -3,7 +3,9 @@
 //   node e2e/run.mjs --program build/release/palpate --scene scenes/alien.yaml [--recording DIR]
 // Options: --only TEXT (or TEXT|TEXT), --patience SECONDS (60), --shots DIR (pictures of both themes, wide and narrow).
 import assert from 'node:assert/strict';
-import { mkdirSync } from 'node:fs';
+import { spawnSync } from 'node:child_process';
+import { mkdirSync, mkdtempSync, rmSync, writeFileSync } from 'node:fs';
+import { tmpdir } from 'node:os';
 import { dirname, join } from 'node:path';
 import { fileURLToPath } from 'node:url';
 import { parseArgs } from 'node:util';
@@ -213,16 +215,281 @@ const drop = (page, name, content) =>
     }
   }, [name, content]);
 
-test('a dropped surface becomes the tool; a wrong file is refused in words', running(async (page) => {
+const waiting = (page, name) => until(page, (n) => window.palpate.state.placing?.name === n && window.palpate.placement, name);
+const started = async (page) => {
+  await page.click('#place-start');
+  await until(page, () => window.palpate.state.placing === null && window.palpate.ticks > 100);
+};
+
+test('a dropped surface is placed and becomes the tool; a wrong file is refused in words', running(async (page) => {
   const generation = await get(page, 'generation');
   await drop(page, 'notes.txt', 'hello');
   await page.waitForSelector('.notice.error');
   await drop(page, 'own.obj', OBJ);
-  await until(page, (g) => window.palpate.generation > g, generation);
-  await until(page, () => window.palpate.ticks > 100 && window.palpate.handleScreen());
+  await waiting(page, 'own.obj');
+  const ticks = await get(page, 'ticks');
+  await page.waitForTimeout(300);
+  assert.equal(await get(page, 'ticks'), ticks); // nothing runs yet
+  await started(page);
+  assert.ok((await get(page, 'generation')) > generation + 1);
+  await until(page, () => window.palpate.handleScreen());
   await grab(page);
   await page.mouse.up();
 }));
+
+/** A block of 8 x 4 x 2 file units with a fine grid on it, as OBJ. */
+function gridBlock() {
+  const n = [16, 8, 4];
+  const points = [];
+  const index = new Map();
+  const vertex = (p) => {
+    const key = p.join();
+    if (!index.has(key)) {
+      points.push(p.map((x) => x / 2));
+      index.set(key, points.length);
+    }
+    return index.get(key);
+  };
+  const faces = [];
+  for (let axis = 0; axis < 3; ++axis) {
+    const [u, v] = [(axis + 1) % 3, (axis + 2) % 3];
+    for (const side of [0, n[axis]]) {
+      for (let i = 0; i < n[u]; ++i) {
+        for (let j = 0; j < n[v]; ++j) {
+          const at = (di, dj) => {
+            const p = [0, 0, 0];
+            [p[axis], p[u], p[v]] = [side, i + di, j + dj];
+            return vertex(p);
+          };
+          const quad = [at(0, 0), at(1, 0), at(1, 1), at(0, 1)];
+          faces.push(`f ${(side ? quad : quad.reverse()).join(' ')}`);
+        }
+      }
+    }
+  }
+  return [...points.map((p) => `v ${p.join(' ')}`), ...faces].join('\n');
+}
+
+const setRange = (page, id, value) => page.locator(`#${id}`).fill(String(value));
+
+test('a surface is turned, scaled, refined; a box or a brush chooses the handle', running(async (page) => {
+  const before = (await get(page, 'scene')).name;
+  await drop(page, 'block.obj', gridBlock());
+  await waiting(page, 'block.obj');
+  assert.ok(await page.locator('#placing').isVisible());
+  assert.ok(!(await page.locator('#plots').isVisible()));
+  const sides = () => page.locator('#place-sides').textContent();
+  assert.equal(await sides(), '150 mm x 75 mm x 37.5 mm');
+  await page.click('#turn-y');
+  assert.equal(await sides(), '37.5 mm x 75 mm x 150 mm');
+  await page.selectOption('#turn-step', '15');
+  await page.click('#turn-z-back');
+  const { rotation } = await get(page, 'placement');
+  const turned = [Math.cos(Math.PI / 4), 0, Math.sin(Math.PI / 4), 0];
+  const [c, s] = [Math.cos(-Math.PI / 24), Math.sin(-Math.PI / 24)];
+  const expected = [c * turned[0], -s * turned[2], c * turned[2], s * turned[0]]; // first about y, then about z
+  rotation.forEach((x, i) => assert.ok(Math.abs(x - expected[i]) < 1e-9, `${rotation} is not ${expected}`));
+  await page.click('#turn-reset');
+  // the unit: 8 of the file's are 8 mm, 80 mm, 8 m, 203 mm
+  await page.selectOption('#place-unit', 'cm');
+  assert.ok(Math.abs((await get(page, 'placement')).size - 0.08) < 1e-12);
+  assert.equal(await sides(), '80 mm x 40 mm x 20 mm');
+  await page.selectOption('#place-unit', 'm');
+  assert.ok(await page.locator('#place-start').isDisabled());
+  assert.match(await sides(), /is possible/);
+  await page.selectOption('#place-unit', '');
+  await page.locator('#place-size').fill('120');
+  await setRange(page, 'place-count', 2.48);
+  const { size, tetrahedra } = await get(page, 'placement');
+  assert.ok(Math.abs(size - 0.12) < 1e-12);
+  assert.equal(tetrahedra, 300);
+  // a box around the end at x = 0
+  await page.click('#held-box');
+  await setRange(page, 'box-z-from', 0);
+  await setRange(page, 'box-x-to', 30);
+  const inBox = await get(page, 'heldVertices');
+  assert.ok(inBox > 50 && inBox < 250, `${inBox} vertices in the box`);
+  const box = await get(page, 'placement');
+  assert.ok(box.min[0] < -0.06 && Math.abs(box.max[0] + 0.024) < 1e-6, `${box.min} to ${box.max}`);
+  assert.ok(box.min[2] < 0 && box.max[2] > 0.03);
+  if (options.shots) await page.screenshot({ path: join(options.shots, 'placing-box.png') });
+  // a brush
+  await page.click('#held-painted');
+  assert.ok(await page.locator('#place-start').isDisabled());
+  const at = await page.evaluate(() => window.palpate.toolScreen());
+  const stroke = async (dx) => {
+    await page.mouse.move(at.x, at.y);
+    await page.mouse.down();
+    await page.mouse.move(at.x + dx, at.y, { steps: 6 });
+    await page.mouse.up();
+  };
+  await stroke(40);
+  const once = await get(page, 'heldVertices');
+  await stroke(-60);
+  const twice = await get(page, 'heldVertices');
+  assert.ok(once > 0 && twice > once, `${once}, then ${twice} vertices painted`);
+  await page.click('#brush-undo');
+  assert.equal(await get(page, 'heldVertices'), once);
+  await setRange(page, 'brush', 25);
+  assert.ok((await get(page, 'heldVertices')) > once);
+  if (options.shots) await page.screenshot({ path: join(options.shots, 'placing-brush.png') });
+  // beside the surface the camera turns, and nothing is painted
+  const painted = await get(page, 'heldVertices');
+  const stage = await page.locator('#view').boundingBox();
+  await page.mouse.move(stage.x + 20, stage.y + 60);
+  await page.mouse.down();
+  await page.mouse.move(stage.x + 120, stage.y + 90, { steps: 4 });
+  await page.mouse.up();
+  assert.equal(await get(page, 'heldVertices'), painted);
+  await page.click('#place-cancel');
+  await until(page, (name) => window.palpate.state.placing === null && window.palpate.scene.name === name, before);
+  await until(page, () => window.palpate.ticks > 50);
+  // and again, to the end
+  await drop(page, 'block.obj', gridBlock());
+  await waiting(page, 'block.obj');
+  await page.click('#held-painted');
+  await setRange(page, 'brush', 25);
+  await stroke(30);
+  await started(page);
+  assert.match(await page.locator('.notice').last().textContent(), /tetrahedra, \d+ nodes, \d+ of them in the handle/);
+  if (options.shots) await page.screenshot({ path: join(options.shots, 'placed.png') });
+  // the scene as a file, which loads again beside the surface
+  const text = await saved(page, 'block.yaml');
+  assert.match(text, /file: block\.obj/);
+  if (options.program) await validate({ 'block.yaml': text, 'block.obj': gridBlock() }, 'block.yaml');
+}));
+
+const contentOf = async (download) => {
+  const chunks = [];
+  for await (const chunk of await download.createReadStream()) chunks.push(chunk);
+  return Buffer.concat(chunks);
+};
+
+const saved = async (page, name) => {
+  await page.click('#save');
+  const [download] = await Promise.all([page.waitForEvent('download'), page.click('#save-scene')]);
+  assert.equal(download.suggestedFilename(), name);
+  return (await contentOf(download)).toString('utf8');
+};
+
+/** `palpate validate FILE` of files in a folder of their own. */
+const validate = async (files, name) => {
+  const folder = mkdtempSync(join(tmpdir(), 'palpate-e2e-'));
+  try {
+    for (const [file, text] of Object.entries(files)) writeFileSync(join(folder, file), text);
+    const { status, stdout, stderr } = spawnSync(options.program, ['validate', join(folder, name)], { encoding: 'utf8' });
+    assert.equal(status, 0, stderr);
+    return stdout;
+  } finally {
+    rmSync(folder, { recursive: true, force: true });
+  }
+};
+
+test('the scene as a file is the scene as it is', running(async (page) => {
+  const { handles, methods } = await get(page, 'scene');
+  await page.selectOption('#handle', handles.at(-1));
+  await until(page, (h) => window.palpate.state.handle === h, handles.at(-1));
+  await page.selectOption('#method', methods.at(-1));
+  await until(page, (m) => window.palpate.state.method === m, methods.at(-1));
+  const { name } = await get(page, 'scene');
+  const text = await saved(page, `${name}.yaml`);
+  assert.match(text, new RegExp(`method: ${methods.at(-1)}`));
+  if (!options.program) return;
+  const said = await validate({ 'again.yaml': text }, 'again.yaml');
+  assert.match(said, new RegExp(`handle ${handles.at(-1)}: `));
+  assert.match(said, new RegExp(`with ${methods.at(-1)},`));
+}));
+
+test('who comes late starts the motion again', running(async (page, _, server) => {
+  if ((await get(page, 'state')).motion === 'none') return;
+  await grab(page); // ends the motion, as its own end does
+  await page.mouse.up();
+  await until(page, () => window.palpate.state.motion === 'over' && window.palpate.state.hand === null);
+  const late = await openPage(browser, server.url);
+  await late.page.waitForSelector('#again:not([hidden])');
+  await late.page.click('#again');
+  await until(page, () => window.palpate.state.driver === 'path' && window.palpate.state.motion === 'playing');
+  await late.page.waitForSelector('#again', { state: 'hidden' });
+  noProblems(late.problems);
+  await late.close();
+}));
+
+test('messages that no page would send are refused in one line, and the run goes on', running(async (page) => {
+  const place = { type: 'place', size: 0.1, rotation: [1, 0, 0, 0], tetrahedra: 100, handle: 'top' };
+  const hostile = [
+    place, // nothing waits
+    { ...place, tetrahedra: 1e12 },
+    { ...place, size: -1 },
+    { ...place, rotation: [0, 0, 0, 0] },
+    { ...place, handle: 'painted', centers: Array(600).fill(0), radius: 0.1 },
+    { ...place, handle: 'box', min: [1, 1, 1], max: [0, 0, 0] },
+    { ...place, file: '/etc/passwd' },
+    { type: 'cancel' },
+    { type: 'save', name: '../../x' }, // is only a save
+    '{"type":"place"',
+    '[[[[[[[[[[',
+  ];
+  const answers = await page.evaluate(
+    (messages) =>
+      new Promise((done) => {
+        const url = new URL('ws', location.href);
+        url.protocol = 'ws:';
+        const socket = new WebSocket(url);
+        const out = [];
+        socket.onopen = () => messages.forEach((m) => socket.send(typeof m === 'string' ? m : JSON.stringify(m)));
+        socket.onmessage = ({ data }) => {
+          if (typeof data !== 'string') return;
+          const m = JSON.parse(data);
+          if (m.type === 'notice' || m.type === 'saved') out.push(m.type === 'saved' ? 'saved' : m.text);
+          if (out.length === messages.length) {
+            socket.close();
+            done(out);
+          }
+        };
+      }),
+    hostile,
+  );
+  console.log(answers.map((line) => `    ${line}`).join('\n'));
+  assert.equal(answers.filter((line) => line === 'saved').length, 1);
+  for (const line of answers) assert.ok(!line.includes('\n') && line.length < 300, line);
+  const ticks = await get(page, 'ticks');
+  await until(page, (t) => window.palpate.ticks > t + 50, ticks);
+}));
+
+test('on a phone neither messages nor the status bar cover the plots', running(async (page) => {
+  if (await page.evaluate(() => document.body.classList.contains('no-panel'))) await page.click('#toggle-panel');
+  await page.waitForTimeout(300);
+  for (const name of ['a.txt', 'a-file-with-a-rather-long-name-that-takes-several-lines-on-a-phone.txt', 'c.txt', 'd.txt']) {
+    await drop(page, name, 'hello');
+  }
+  await page.waitForSelector('.notice.error');
+  const boxes = await page.evaluate(() => {
+    const box = (e) => {
+      const { left, top, right, bottom } = e.getBoundingClientRect();
+      return { left, top, right, bottom };
+    };
+    return {
+      panel: box(document.getElementById('panel')),
+      others: [...document.querySelectorAll('.notice, #notices, #status, #again, #holder, .bar, .float')].map((e) => ({
+        name: e.id || e.className,
+        ...box(e),
+      })),
+      scroll: [document.documentElement.scrollWidth, document.documentElement.scrollHeight],
+      size: [innerWidth, innerHeight],
+    };
+  });
+  const { panel } = boxes;
+  assert.ok(panel.bottom - panel.top > 200 && panel.right - panel.left > 380, JSON.stringify(panel));
+  for (const o of boxes.others) {
+    const covers = o.left < panel.right - 1 && o.right > panel.left + 1 && o.top < panel.bottom - 1 && o.bottom > panel.top + 1;
+    assert.ok(!covers, `${o.name} covers the plots: ${JSON.stringify(o)} over ${JSON.stringify(panel)}`);
+    assert.ok(o.left >= -1 && o.right <= boxes.size[0] + 1 && o.bottom <= boxes.size[1] + 1, `${o.name} leaves the page: ${JSON.stringify(o)}`);
+  }
+  assert.deepEqual(boxes.scroll, boxes.size);
+  const plots = await page.locator('#plots .plot canvas').first().boundingBox();
+  assert.ok(plots.y + plots.height <= panel.bottom, 'the first plot is not in sight whole');
+  if (options.shots) await page.screenshot({ path: join(options.shots, 'phone.png') });
+}, { viewport: { width: 390, height: 844 }, hasTouch: true, isMobile: true, deviceScaleFactor: 1 }));
 
 test('a lost server: a banner, and on again by itself', async () => {
   const port = await freePort();
@@ -282,9 +549,7 @@ test('downloads: ticks, steps, picture', running(async (page) => {
     await page.click('#save');
     const [download] = await Promise.all([page.waitForEvent('download'), page.click(`#${id}`)]);
     assert.ok(download.suggestedFilename().endsWith(suffix));
-    const chunks = [];
-    for await (const chunk of await download.createReadStream()) chunks.push(chunk);
-    assert.ok(check(Buffer.concat(chunks).toString('latin1')), id);
+    assert.ok(check((await contentOf(download)).toString('latin1')), id);
   }
 }));
 

@@ -76,13 +76,14 @@ export class Placing {
   /** null: nothing is to be placed */
   private info: PlacingInfo | null = null;
   private generation = -1;
-  private vertices = new Float32Array(0);
+  private vertices: Float32Array = new Float32Array(0);
   private low = new Vector3();
   private high = new Vector3();
   private readonly rotation = new Quaternion();
   private held: Held = 'top';
   private readonly painting = new Painting(PLACING_LIMITS.dabs);
   private sides: Vec3 = [0, 0, 0];
+  private pose: Pose = { position: [0, 0, 0], rotation: [1, 0, 0, 0] };
 
   constructor(
     private readonly view: View3D,
@@ -157,6 +158,7 @@ export class Placing {
   private stand(): void {
     const { pose, sides } = standing(this.vertices, this.rotation);
     this.sides = sides;
+    this.pose = pose;
     this.view.setPlacing(pose);
     this.mark();
     this.tell();
@@ -230,8 +232,7 @@ export class Placing {
     if (!this.info || this.held !== 'painted') return false;
     const pick = this.view.pick(x, y);
     if (!pick?.tool) return false;
-    const { pose } = standing(this.vertices, this.rotation);
-    const rest = pick.point.sub(new Vector3().fromArray(pose.position)).applyQuaternion(this.rotation.clone().invert());
+    const rest = pick.point.sub(new Vector3().fromArray(this.pose.position)).applyQuaternion(this.rotation.clone().invert());
     if (!this.painting.add(rest, this.radius, first)) this.complain('The brush is empty: a larger one needs fewer dabs.');
     this.mark();
     return true;

@@ -18,6 +18,7 @@ import {
   type BinaryMessage,
   type Command,
   type Frame,
+  type Quat,
   type Samples,
   type Settings,
 } from '../src/protocol.ts';
@@ -135,7 +136,7 @@ const commands: { [T in Command['type']]: Command & { type: T } } = {
 };
 
 test('the program is tested to read what the page writes', () => {
-  const placed = { type: 'place', size: 0.25, rotation: [1, 0, 0, 0], tetrahedra: 10 } as const;
+  const placed = { type: 'place' as const, size: 0.25, rotation: [1, 0, 0, 0] as Quat, tetrahedra: 10 };
   const others: Command[] = [
     { ...placed, handle: 'box', min: [-0.5, 0, 0.125], max: [0.5, 0.25, 0.125] },
     { ...placed, handle: 'top' },
