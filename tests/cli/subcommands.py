@@ -355,7 +355,7 @@ def mesh_info_and_embed(context):
     source = context.file("ball.off", ball())
     info = context.succeeds(["mesh", "info", source])
     expect("320" in info, f"the count of triangles is missing: {info!r}")
-    points = [tuple(map(float, l.split())) for l in ball().splitlines() if len(l.split()) == 3 and not l.endswith(" 0")]
+    points = [tuple(map(float, l.split())) for l in ball().splitlines()[2:] if len(l.split()) == 3]
     said = re.search(r"extents +\((.*), (.*), (.*)\) to \((.*), (.*), (.*)\)", info)
     expect(said, f"no extents: {info!r}")
     for k in range(6):
@@ -364,6 +364,21 @@ def mesh_info_and_embed(context):
     output = context.succeeds(["mesh", "embed", source, "--tets", "200"])
     for word in ("volume", "tetrahedra", "worst", "outside"):
         expect(word in output.lower(), f"the report does not say '{word}': {output!r}")
+
+
+@case
+def mesh_info_of_tetrahedra(context):
+    nodes = [(x, y, z) for z in (0.5, 2) for y in (0, 1) for x in (-1, 1)]
+    tetrahedra = [(0, 1, 3, 7), (0, 3, 2, 7), (0, 2, 6, 7), (0, 6, 4, 7), (0, 4, 5, 7), (0, 5, 1, 7)]
+    lines = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat", "$Nodes", str(len(nodes))]
+    lines += [f"{i + 1} {x} {y} {z}" for i, (x, y, z) in enumerate(nodes)]
+    lines += ["$EndNodes", "$Elements", str(len(tetrahedra))]
+    lines += [f"{i + 1} 4 2 0 1 " + " ".join(str(n + 1) for n in t) for i, t in enumerate(tetrahedra)]
+    said = context.succeeds(["mesh", "info", context.file("cell.msh", "\n".join(lines + ["$EndElements", ""]))])
+    for line in ("6, 1 pieces", "8, 8 on the surface of 12 triangles", "2 x 1 x 1.5", "(-1, 0, 0.5) to (1, 1, 2)",
+                 "volume                3\n"):
+        expect(line in said, f"mesh info does not say '{line}': {said}")
+    context.rejects(["mesh", "info", context.file("broken.msh", "$MeshFormat\n2.2 0 8\n")], ["broken.msh"])
 
 
 def ball(radius=0.05, rounds=2):

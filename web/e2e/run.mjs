@@ -6,7 +6,7 @@ import assert from 'node:assert/strict';
 import { spawnSync } from 'node:child_process';
 import { mkdirSync, mkdtempSync, rmSync, writeFileSync } from 'node:fs';
 import { tmpdir } from 'node:os';
-import { dirname, join } from 'node:path';
+import { dirname, join, resolve } from 'node:path';
 import { fileURLToPath } from 'node:url';
 import { parseArgs } from 'node:util';
 import { buildPage } from '../build.mjs';
@@ -356,7 +356,7 @@ test('a surface is turned, scaled, refined; a box or a brush chooses the handle'
   // the scene as a file, which loads again beside the surface
   const text = await saved(page, 'block.yaml');
   assert.match(text, /file: block\.obj/);
-  if (options.program) await validate({ 'block.yaml': text, 'block.obj': gridBlock() }, 'block.yaml');
+  if (options.program) await runProgram({ 'block.yaml': text, 'block.obj': gridBlock() }, ['run', 'block.yaml', '--duration', '0.1', '--pictures', '0']);
 }));
 
 const contentOf = async (download) => {
@@ -372,16 +372,16 @@ const saved = async (page, name) => {
   return (await contentOf(download)).toString('utf8');
 };
 
-/** `palpate validate FILE` of files in a folder of their own. */
-const validate = async (files, name) => {
-  const folder = mkdtempSync(join(tmpdir(), 'palpate-e2e-'));
+/** The program in a folder of its own, with these files. */
+const runProgram = async (files, args) => {
+  const cwd = mkdtempSync(join(tmpdir(), 'palpate-e2e-'));
   try {
-    for (const [file, text] of Object.entries(files)) writeFileSync(join(folder, file), text);
-    const { status, stdout, stderr } = spawnSync(options.program, ['validate', join(folder, name)], { encoding: 'utf8' });
+    for (const [file, text] of Object.entries(files)) writeFileSync(join(cwd, file), text);
+    const { status, stdout, stderr } = spawnSync(resolve(options.program), args, { cwd, encoding: 'utf8' });
     assert.equal(status, 0, stderr);
     return stdout;
   } finally {
-    rmSync(folder, { recursive: true, force: true });
+    rmSync(cwd, { recursive: true, force: true });
   }
 };
 
@@ -395,7 +395,7 @@ test('the scene as a file is the scene as it is', running(async (page) => {
   const text = await saved(page, `${name}.yaml`);
   assert.match(text, new RegExp(`method: ${methods.at(-1)}`));
   if (!options.program) return;
-  const said = await validate({ 'again.yaml': text }, 'again.yaml');
+  const said = await runProgram({ 'again.yaml': text }, ['validate', 'again.yaml']);
   assert.match(said, new RegExp(`handle ${handles.at(-1)}: `));
   assert.match(said, new RegExp(`with ${methods.at(-1)},`));
 }));
@@ -407,6 +407,7 @@ test('who comes late starts the motion again', running(async (page, _, server) =
   await until(page, () => window.palpate.state.motion === 'over' && window.palpate.state.hand === null);
   const late = await openPage(browser, server.url);
   await late.page.waitForSelector('#again:not([hidden])');
+  if (options.shots) await late.page.screenshot({ path: join(options.shots, 'late.png') });
   await late.page.click('#again');
   await until(page, () => window.palpate.state.driver === 'path' && window.palpate.state.motion === 'playing');
   await late.page.waitForSelector('#again', { state: 'hidden' });
@@ -462,7 +463,7 @@ test('on a phone neither messages nor the status bar cover the plots', running(a
   for (const name of ['a.txt', 'a-file-with-a-rather-long-name-that-takes-several-lines-on-a-phone.txt', 'c.txt', 'd.txt']) {
     await drop(page, name, 'hello');
   }
-  await page.waitForSelector('.notice.error');
+  await page.waitForSelector('.notice.error:last-child');
   const boxes = await page.evaluate(() => {
     const box = (e) => {
       const { left, top, right, bottom } = e.getBoundingClientRect();
@@ -489,6 +490,19 @@ test('on a phone neither messages nor the status bar cover the plots', running(a
   const plots = await page.locator('#plots .plot canvas').first().boundingBox();
   assert.ok(plots.y + plots.height <= panel.bottom, 'the first plot is not in sight whole');
   if (options.shots) await page.screenshot({ path: join(options.shots, 'phone.png') });
+  // a finger paints, too
+  await drop(page, 'block.obj', gridBlock());
+  await waiting(page, 'block.obj');
+  await page.locator('#held-painted').tap();
+  const client = await page.context().newCDPSession(page);
+  const at = await page.evaluate(() => window.palpate.toolScreen());
+  for (const [type, touchPoints] of [['touchStart', [at]], ['touchMove', [{ x: at.x + 20, y: at.y }]], ['touchEnd', []]]) {
+    await client.send('Input.dispatchTouchEvent', { type, touchPoints });
+  }
+  await until(page, () => window.palpate.heldVertices > 0);
+  if (options.shots) await page.screenshot({ path: join(options.shots, 'phone-placing.png') });
+  await page.locator('#place-start').tap();
+  await until(page, () => window.palpate.state.placing === null && window.palpate.ticks > 50);
 }, { viewport: { width: 390, height: 844 }, hasTouch: true, isMobile: true, deviceScaleFactor: 1 }));
 
 test('a lost server: a banner, and on again by itself', async () => {

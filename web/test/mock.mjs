@@ -203,6 +203,8 @@ class Run {
 
   start(name, title = null) {
     ++this.generation;
+    this.placing = null;
+    this.playedAt = 0;
     this.name = name;
     this.title = title ?? (name === 'bar' ? 'Soft bar' : 'Bar, cushion and ball');
     const handle = this.settings.handle;
@@ -233,9 +235,23 @@ class Run {
     this.fresh = true;
   }
 
+  /** A surface that waits, drawn as a ball whatever is in the file. */
+  place(name, before) {
+    this.start('surface', name);
+    this.bodies = [{ ...makeRigid([0, 0, 0.075], 0.075), flags: 3 }];
+    this.nodes = this.bodies[0].nodes;
+    this.stress = [0, 0, 0, 0];
+    this.placing = { name, extent: [8, 8, 8], size: 0.15 };
+    this.before = before;
+  }
+
+  get motion() {
+    return this.driver === 'path' && this.time - this.playedAt < 30 ? 'playing' : 'over';
+  }
+
   tick(dt) {
     if (this.driver === 'path') {
-      const t = this.time;
+      const t = this.time - this.playedAt;
       const s = 0.5 - 0.5 * Math.cos(t * 1.1);
       const [x, z, turn] = [0.03 * Math.sin(t * 0.8), 0.02 * Math.sin(t * 1.7) - 0.022 * s, 0.25 * Math.sin(t * 0.6)];
       this.target = [this.rest.position[0] + x, this.rest.position[1], this.rest.position[2] + z, Math.cos(turn / 2), 0, Math.sin(turn / 2), 0];
@@ -418,6 +434,7 @@ export function recording(seconds) {
 function stateOf(run, { paused, recording, viewers, busy = null }) {
   return {
     type: 'state', generation: run.generation, ...run.settings, paused, hand: run.hand, driver: run.driver, recording, busy, viewers,
+    motion: run.motion, placing: run.placing,
   }; // prettier-ignore
 }
 
@@ -452,11 +469,13 @@ export async function startMock({ dir, port = 0, replay = false } = {}) {
         return;
       }
       send(202, 'application/json', '{}');
-      busy = 'Meshing the surface';
+      const name = url.searchParams.get('name') ?? 'surface';
+      busy = 'Reading the surface';
       everyone(stateNow());
       setTimeout(() => {
         busy = null;
-        run.start('surface', url.searchParams.get('name') ?? 'surface');
+        if (url.searchParams.get('place') === '1') run.place(name, run.before ?? run.name);
+        else run.start('surface', name);
         announce();
       }, 800);
     } else if (['/index.html', '/app.js', '/app.css', '/icon.svg'].includes(path)) {
@@ -518,6 +537,7 @@ export async function startMock({ dir, port = 0, replay = false } = {}) {
           break;
         case 'play':
           run.driver = 'path';
+          run.playedAt = run.time;
           run.hand = null;
           break;
         case 'pause':
@@ -536,6 +556,21 @@ export async function startMock({ dir, port = 0, replay = false } = {}) {
         case 'scene':
           run.start(m.name);
           announce();
+          return;
+        case 'place':
+        case 'cancel':
+          if (!run.placing) {
+            reply({ type: 'notice', level: 'error', text: 'no surface waits to be placed' });
+            return;
+          }
+          if (m.type === 'cancel') run.start(run.before);
+          else run.start('surface', run.placing.name);
+          if (m.type === 'place') reply({ type: 'notice', level: 'info', text: '960 tetrahedra, 275 nodes, 75 of them in the handle' });
+          run.before = null;
+          announce();
+          return;
+        case 'save':
+          reply({ type: 'saved', name: `${run.name}.yaml`, text: `palpate: 1\nname: ${run.name}\nmethod: ${run.settings.method}\n` });
           return;
         case 'record':
           recordingTo = m.on ? 'out/view-1' : null;
@@ -568,7 +603,7 @@ export async function startMock({ dir, port = 0, replay = false } = {}) {
   let due = 0;
   const pump = setInterval(() => {
     const now = performance.now();
-    if (!paused) due += Math.min(now - last, 100) * run.settings.speed;
+    if (!paused && !run.placing) due += Math.min(now - last, 100) * run.settings.speed;
     last = now;
     for (; due >= 1; --due) run.tick(0.001);
     if (viewers.size === 0) {
