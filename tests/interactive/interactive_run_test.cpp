@@ -278,7 +278,7 @@ TEST_F(InteractiveRunTest, PlacesASurfaceBeforeItRuns) {
     refused(std::string(R"({"type":")") + early + "\"}", "waits to be placed");
   refused(R"({"type":"set","method":"vc"})", "waits to be placed");
   refused(R"({"type":"record","on":true})", "waits to be placed");
-  refused(placement + R"("painted","centers":[9,9,9],"radius":0.01})", "node");  // holds none: it still waits
+  refused(placement + R"("painted","centers":[9,9,9],"radius":0.01})", "larger box or brush");  // it still waits
   refused(R"({"type":"place","size":0.1})", "rotation");
   const auto ticks = listener_.now(&Listener::ticks_);
   std::this_thread::sleep_for(std::chrono::milliseconds(100));

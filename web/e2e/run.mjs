@@ -494,6 +494,7 @@ test('on a phone neither messages nor the status bar cover the plots', running(a
   await drop(page, 'block.obj', gridBlock());
   await waiting(page, 'block.obj');
   await page.locator('#held-painted').tap();
+  await setRange(page, 'brush', 25);
   const client = await page.context().newCDPSession(page);
   const at = await page.evaluate(() => window.palpate.toolScreen());
   for (const [type, touchPoints] of [['touchStart', [at]], ['touchMove', [{ x: at.x + 20, y: at.y }]], ['touchEnd', []]]) {

@@ -344,7 +344,13 @@ struct InteractiveRun::Impl {
     requirePlacing();
     const Placing now = *placing;
     settings.paused = false;
-    placeSurface(now.file, now.name, m);
+    try {
+      placeSurface(now.file, now.name, m);
+    } catch (const std::exception& e) {
+      const std::string cause = e.what();
+      if (cause.find("holds no node") == std::string::npos) throw;
+      throw RunError(cause + "; a larger box or brush, or more tetrahedra, would reach one");
+    }
   }
 
   void cancelPlacing() {
