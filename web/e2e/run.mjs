@@ -502,7 +502,7 @@ test('on a phone neither messages nor the status bar cover the plots', running(a
   }
   await until(page, () => window.palpate.heldVertices > 0);
   if (options.shots) await page.screenshot({ path: join(options.shots, 'phone-placing.png') });
-  await page.locator('#place-start').tap();
+  await page.click('#place-start');
   await until(page, () => window.palpate.state.placing === null && window.palpate.ticks > 50);
 }, { viewport: { width: 390, height: 844 }, hasTouch: true, isMobile: true, deviceScaleFactor: 1 }));
 
