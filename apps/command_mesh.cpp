@@ -295,8 +295,8 @@ void addStiffness(CLI::App& group) {
 
 void addInfo(CLI::App& group) {
   const auto surface = std::make_shared<std::string>();
-  CLI::App* command = group.add_subcommand(
-      "info", "Say what is in a file: a surface, before and after repair, or a tetrahedral mesh");
+  CLI::App* command =
+      group.add_subcommand("info", "Say what is in a file: a surface, before and after repair, or a tetrahedral mesh");
   command->add_option("file", *surface, "Triangle surface or tetrahedral mesh")->required()->type_name("FILE");
   command->callback([surface] {
     fmt::print("{}", isTetrahedral(*surface) ? formatReport(runTetrahedraInfo(*surface))

@@ -284,14 +284,16 @@ TEST_F(InteractiveRunTest, PlacesASurfaceBeforeItRuns) {
   std::this_thread::sleep_for(std::chrono::milliseconds(100));
   EXPECT_EQ(listener_.now(&Listener::ticks_), ticks);
   run.message(1, R"({"type":"cancel"})");
-  ASSERT_TRUE(listener_.wait([](Listener& l) { return l.state_["placing"].is_null() && l.scene_["name"] != "my-block-"; }));
+  ASSERT_TRUE(
+      listener_.wait([](Listener& l) { return l.state_["placing"].is_null() && l.scene_["name"] != "my-block-"; }));
   EXPECT_TRUE(listener_.wait([&](Listener& l) { return l.ticks_ > ticks + 20; }));
 
   EXPECT_FALSE(run.surface("my block!.off", block(), true));
   ASSERT_TRUE(listener_.wait([](Listener& l) { return l.state_["placing"].is_object(); }));
   const auto notices = listener_.now(&Listener::notices_).size();
   run.message(1, placement + R"("box","min":[-1,-1,0.025],"max":[1,1,1]})");
-  ASSERT_TRUE(listener_.wait([](Listener& l) { return l.state_["placing"].is_null() && l.scene_["name"] == "my-block-"; }));
+  ASSERT_TRUE(
+      listener_.wait([](Listener& l) { return l.state_["placing"].is_null() && l.scene_["name"] == "my-block-"; }));
   ASSERT_TRUE(listener_.wait([&](Listener& l) { return l.notices_.size() > notices; }));
   const std::string said = listener_.now(&Listener::notices_)[notices]["text"];
   EXPECT_NE(said.find("tetrahedra, "), std::string::npos) << said;
@@ -350,7 +352,8 @@ TEST_F(InteractiveRunTest, SavesASceneThatIsTheSame) {
 
 TEST_F(InteractiveRunTest, MotionComesToItsEndAndCanBeBegunAgain) {
   SceneConfig config = softCube();
-  config.tool.chosenHandle().hand.keyframes = {{0.0, Vec3::Zero(), Vec3::Zero()}, {0.2, Vec3(0, 0, 0.01), Vec3::Zero()}};
+  config.tool.chosenHandle().hand.keyframes = {{0.0, Vec3::Zero(), Vec3::Zero()},
+                                               {0.2, Vec3(0, 0, 0.01), Vec3::Zero()}};
   InteractiveRun run(config, options_, listener_);
   run.start();
   EXPECT_TRUE(listener_.wait([](Listener& l) { return l.state_["motion"] == "over"; }));

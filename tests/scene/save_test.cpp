@@ -45,8 +45,9 @@ TEST(SavedScene, ShippedScenesAreTheSameButForWhereFilesAre) {
 }
 
 TEST(SavedScene, HoldsTextThatYamlWouldTakeForSomethingElse) {
-  for (const char* text : {"\"a: b # c\"", "\"null\"", "\"~\"", "\"- x\"", "\" \\\"quoted\\\" \\\\ \"", "\"two\\nlines\\tand \\x01\"",
-                           "\"\"", "caf\xc3\xa9", "\"[1, 2]\"", "\"&a *b !c\"", "\"---\"", "\"%TAG\""}) {
+  for (const char* text :
+       {"\"a: b # c\"", "\"null\"", "\"~\"", "\"- x\"", "\" \\\"quoted\\\" \\\\ \"", "\"two\\nlines\\tand \\x01\"",
+        "\"\"", "caf\xc3\xa9", "\"[1, 2]\"", "\"&a *b !c\"", "\"---\"", "\"%TAG\""}) {
     const std::string scene = replaced(kFullScene, "description: all keys", std::string("description: ") + text);
     EXPECT_EQ(treeOf(sceneText(read(scene), {}, SavedFiles::as_named)), treeOf(scene)) << text;
   }
@@ -116,8 +117,9 @@ TEST(SavedScene, NamesFilesFromEverywhere) {
   const std::string packaged =
       replaced(kSmallScene, "{sphere: {radius: 0.05}}", "{surface: {package: toys-data, file: models/a.obj}}");
   EXPECT_EQ(treeOf(sceneText(read(packaged))), treeOf(packaged));
-  EXPECT_EQ(std::get<TetrahedraFileShapeConfig>(read(sceneText(config, {}, SavedFiles::as_named)).bodies[5].shape).file.file,
-            "b.msh");
+  EXPECT_EQ(
+      std::get<TetrahedraFileShapeConfig>(read(sceneText(config, {}, SavedFiles::as_named)).bodies[5].shape).file.file,
+      "b.msh");
 }
 
 TEST(SavedScene, SaysWhyThereIsNone) {

@@ -213,8 +213,9 @@ struct InteractiveRun::Impl {
                    [&](const SetMessage& m) { set(m); }, [&](const PauseMessage&) { pause(true); },
                    [&](const ResumeMessage&) { pause(false); }, [&](const StepMessage&) { singleStep(); },
                    [&](const ResetMessage&) { load(base, "back to the start"); },
-                   [&](const SceneMessage& m) { openScene(m.name); }, [&](const RecordMessage& m) { record(m.on); }, [&](const PlaceMessage& m) { place(m); },
-                   [&](const CancelMessage&) { cancelPlacing(); }, [&](const SaveMessage&) { save(viewer); }},
+                   [&](const SceneMessage& m) { openScene(m.name); }, [&](const RecordMessage& m) { record(m.on); },
+                   [&](const PlaceMessage& m) { place(m); }, [&](const CancelMessage&) { cancelPlacing(); },
+                   [&](const SaveMessage&) { save(viewer); }},
         message);
   }
 

@@ -94,7 +94,8 @@ SceneConfig readText(const std::string& text, const std::filesystem::path& file,
   return config;
 }
 
-constexpr const char* kGround = "obstacles:\n  - {name: ground, plane: {point: [0, 0, 0], normal: [0, 0, 1]}, friction: 0.5}\n";
+constexpr const char* kGround =
+    "obstacles:\n  - {name: ground, plane: {point: [0, 0, 0], normal: [0, 0, 1]}, friction: 0.5}\n";
 
 }  // namespace
 

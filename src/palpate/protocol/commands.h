@@ -41,20 +41,20 @@ struct RecordMessage {
 struct PlaceMessage {
   /// What the hand holds: the uppermost quarter as it stands turned, a box, or what a brush has touched.
   enum class Handle { top, box, painted };
-  double size = 0.15;                  ///< longest side [m]
-  Quat rotation = Quat::Identity();    ///< how it stands
-  int tetrahedra = 600;                ///< wanted
+  double size = 0.15;                ///< longest side [m]
+  Quat rotation = Quat::Identity();  ///< how it stands
+  int tetrahedra = 600;              ///< wanted
   Handle handle = Handle::top;
-  Vec3 min = Vec3::Zero();             ///< of the box, rest coordinates [m]
+  Vec3 min = Vec3::Zero();  ///< of the box, rest coordinates [m]
   Vec3 max = Vec3::Zero();
-  std::vector<Vec3> centers;           ///< of the brush, rest coordinates [m]
-  double radius = 0.0;                 ///< of the brush [m]
+  std::vector<Vec3> centers;  ///< of the brush, rest coordinates [m]
+  double radius = 0.0;        ///< of the brush [m]
 };
 struct CancelMessage {};
 struct SaveMessage {};
-using ViewerCommand = std::variant<HandMessage, TakeMessage, ReleaseMessage, PlayMessage, SetMessage, PauseMessage,
-                                   ResumeMessage, StepMessage, ResetMessage, SceneMessage, RecordMessage,
-                                   PlaceMessage, CancelMessage, SaveMessage>;
+using ViewerCommand =
+    std::variant<HandMessage, TakeMessage, ReleaseMessage, PlayMessage, SetMessage, PauseMessage, ResumeMessage,
+                 StepMessage, ResetMessage, SceneMessage, RecordMessage, PlaceMessage, CancelMessage, SaveMessage>;
 
 /// Reads one message; all numbers in it are finite and in range (protocol/layout.h).
 /// @throws InputError ("message", key, cause)

@@ -70,10 +70,10 @@ inline constexpr Limits kSpeed{0.02, 1.0};        ///< of simulated time against
 inline constexpr double kFarthest = 100.0;        ///< of a hand's coordinates from 0 [m]
 inline constexpr std::size_t kMaxCommandBytes = 4096;
 inline constexpr std::size_t kMaxTextBytes = 200;  ///< of a name in a command
-inline constexpr Limits kSurfaceSize{0.005, 5.0};    ///< longest side of a dropped surface [m]
-inline constexpr Limits kTetrahedra{10, 20000};      ///< wanted of it
-inline constexpr Limits kBrush{1e-4, 5.0};           ///< radius of a brush that paints its handle [m]
-inline constexpr std::size_t kMostDabs = 120;        ///< of that brush
+inline constexpr Limits kSurfaceSize{0.005, 5.0};  ///< longest side of a dropped surface [m]
+inline constexpr Limits kTetrahedra{10, 20000};    ///< wanted of it
+inline constexpr Limits kBrush{1e-4, 5.0};         ///< radius of a brush that paints its handle [m]
+inline constexpr std::size_t kMostDabs = 120;      ///< of that brush
 inline constexpr std::size_t kMaxSurfaceBytes = std::size_t{64} << 20;
 
 }  // namespace palpate::protocol

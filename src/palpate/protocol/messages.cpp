@@ -143,7 +143,8 @@ std::string stateMessage(const SceneConfig& config, const InteractiveSettings& s
            {"motion", kMotions[static_cast<std::size_t>(status.motion)]},
            {"placing", nullptr}};
   if (status.hand) out["hand"] = *status.hand;
-  if (const auto& p = status.placing) out["placing"] = {{"name", p->name}, {"extent", toJson(p->extent)}, {"size", p->size}};
+  if (const auto& p = status.placing)
+    out["placing"] = {{"name", p->name}, {"extent", toJson(p->extent)}, {"size", p->size}};
   return dump(out);
 }
 

@@ -40,9 +40,9 @@ enum class Motion { none, playing, over };
 
 /// A dropped surface that waits to be placed (PlaceMessage), as it is shown meanwhile.
 struct SurfacePreview {
-  std::string name;             ///< of the file
-  Vec3 extent = Vec3::Zero();   ///< sides of the bounding box, in the file's own unit
-  double size = 0.0;            ///< longest side as it is shown [m]
+  std::string name;            ///< of the file
+  Vec3 extent = Vec3::Zero();  ///< sides of the bounding box, in the file's own unit
+  double size = 0.0;           ///< longest side as it is shown [m]
 };
 
 /// Who is there and what goes on, besides the settings.

@@ -181,9 +181,9 @@ Field regionField(RegionConfig& region, const ShapeConfig& shape) {
     if (!std::holds_alternative<AlienShapeConfig>(shape)) value.fail("only the shape alien has landmarks");
     return readLandmarkRegion(value);
   };
-  const std::vector<Field> choices{field("sphere", readSphereRegion), field("box", readBoxRegion),
+  const std::vector<Field> choices{field("sphere", readSphereRegion),   field("box", readBoxRegion),
                                    field("capsule", readCapsuleRegion), field("halfspace", readHalfspaceRegion),
-                                   field("landmark", readLandmark), field("spheres", readSpheresRegion)};
+                                   field("landmark", readLandmark),     field("spheres", readSpheresRegion)};
   return required({"region", [choices](const Value& value) { value.oneOf(choices); }});
 }
 

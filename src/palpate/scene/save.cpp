@@ -84,7 +84,8 @@ class Writer {
   std::string value(const DocumentNode& node, int depth) const {
     constexpr std::size_t kRoom = 96;
     std::string line;
-    const bool leaf = node.kind == Kind::null || node.kind == Kind::scalar || node.items.size() + node.entries.size() == 0;
+    const bool leaf =
+        node.kind == Kind::null || node.kind == Kind::scalar || node.items.size() + node.entries.size() == 0;
     if (flow(node, leaf ? DocumentLimits{}.bytes : kRoom, depth, line)) return " " + line + "\n";
     return "\n" + block(node, depth + 1);
   }
@@ -126,7 +127,8 @@ Pointer scalar(std::string text) {
 }
 Pointer scalar(double value) { return scalar(fmt::format("{}", value)); }
 
-/// A copy in which `value` stands at the path: keys of maps, indices of lists. What is missing is made; null removes it.
+/// A copy in which `value` stands at the path: keys of maps, indices of lists. What is missing is made; null removes
+/// it.
 Pointer with(const Pointer& node, const Path& path, std::size_t at, const Pointer& value) {
   if (at == path.size()) return value;
   auto copy = node ? std::make_shared<DocumentNode>(*node) : std::make_shared<DocumentNode>();
@@ -190,7 +192,8 @@ void setRun(Editor& out, const SceneConfig& now, const SceneConfig& before) {
   const bool exact = now.contact.settings.cone.exact;
   out.change({"contact", "cone"}, exact, before.contact.settings.cone.exact, coneNames()[exact ? 1 : 0]);
   out.change({"tool", "handle"}, now.tool.handle, before.tool.handle, now.tool.handle);
-  out.change({"tool", "tetrahedra"}, now.tool.tetrahedra, before.tool.tetrahedra, fmt::format("{}", now.tool.tetrahedra));
+  out.change({"tool", "tetrahedra"}, now.tool.tetrahedra, before.tool.tetrahedra,
+             fmt::format("{}", now.tool.tetrahedra));
   out.change({"duration"}, now.duration, before.duration, fmt::format("{}", now.duration));
   out.change({"visual", "step"}, now.visual_step, before.visual_step, fmt::format("{}", now.visual_step));
   out.change({"latency"}, now.latency, before.latency, fmt::format("{}", now.latency));

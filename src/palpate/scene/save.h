@@ -18,8 +18,8 @@ enum class SavedFiles {
   as_named   ///< names stay: the scene belongs where its files are
 };
 
-/// The scene as the YAML document that reads as this one: what was read, with what Overrides can change as it is now and
-/// the factors in its numbers. Comments are lost, aliases written out.
+/// The scene as the YAML document that reads as this one: what was read, with what Overrides can change as it is now
+/// and the factors in its numbers. Comments are lost, aliases written out.
 /// @throws InputError where the scene was not read from a document, or the result would not be read again: a factor
 ///         leads beyond a limit, or it is longer than a document may be
 std::string sceneText(const SceneConfig& config, const SceneFactors& factors = {},

@@ -187,8 +187,7 @@ class HttpConnection final : public Connection {
                          "the file's name (?name=) is missing, longer than 100 characters or has control characters");
     }
     const auto place = queryValue(target(), "place");
-    if (place && *place != "0" && *place != "1")
-      return answerError(http::status::bad_request, "place must be 0 or 1");
+    if (place && *place != "0" && *place != "1") return answerError(http::status::bad_request, "place must be 0 or 1");
     if (core_.receiving_surface)
       return answerError(http::status::service_unavailable, "another surface is being sent; try again");
     core_.receiving_surface = owns_upload_ = true;
