@@ -300,6 +300,12 @@ TEST_F(InteractiveRunTest, PlacesASurfaceBeforeItRuns) {
   EXPECT_NE(said.find("50 x 100 x 50 mm"), std::string::npos) << said;  // x has become y, y z and z x
   const auto after = listener_.now(&Listener::ticks_);
   EXPECT_TRUE(listener_.wait([&](Listener& l) { return l.ticks_ > after + 20; }));
+  // nobody holds a block of 5 m
+  EXPECT_FALSE(run.surface("large.off", block(), true));
+  ASSERT_TRUE(listener_.wait([](Listener& l) { return l.state_["placing"].is_object(); }));
+  run.message(1, R"({"type":"place","size":5,"rotation":[1,0,0,0],"tetrahedra":100,"handle":"top"})");
+  EXPECT_TRUE(listener_.wait(
+      [](Listener& l) { return l.notices_.back()["text"].get<std::string>().starts_with("it weighs "); }));
 }
 
 TEST_F(InteractiveRunTest, SavesASceneThatIsTheSame) {

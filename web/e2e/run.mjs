@@ -685,6 +685,18 @@ for (const colorScheme of ['light', 'dark']) {
     await page.click('#help');
     assert.deepEqual(await contrast(page), []);
     await page.keyboard.press('Escape');
+    await drop(page, 'own.obj', OBJ);
+    await waiting(page, 'own.obj');
+    for (const id of ['held-box', 'held-painted']) {
+      await page.click(`#${id}`);
+      assert.deepEqual(await contrast(page), []);
+    }
+    await page.selectOption('#place-unit', 'm'); // 8 cm as 0.08 m is possible
+    await page.selectOption('#place-unit', 'mm'); // and as 0.08 mm is not
+    assert.ok(await page.locator('#place-sides.wrong').isVisible());
+    assert.deepEqual(await contrast(page), []);
+    await page.click('#place-cancel');
+    await until(page, () => window.palpate.state.placing === null);
     await page.click('#theme');
     assert.notEqual(await page.evaluate(() => document.documentElement.dataset.theme), colorScheme);
     assert.deepEqual(await contrast(page), []);

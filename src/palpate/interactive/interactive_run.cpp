@@ -66,7 +66,7 @@ std::string describePlaced(const BuiltScene& scene) {
   const BodyModel& tool = scene.world.tool().model;
   const Bounds box = boundsOf(tool.mesh().surface.vertices);
   const Vec3 mm = 1e3 * (box.high - box.low);
-  return fmt::format("{} tetrahedra, {} nodes, {} of them in the handle; {:.3g} x {:.3g} x {:.3g} mm, {:.3g} kg",
+  return fmt::format("{} tetrahedra, {} nodes, {} of them in the handle; {:.4g} x {:.4g} x {:.4g} mm, {:.3g} kg",
                      scene.tetrahedra, scene.nodes, tool.handle().nodes.size(), mm.x(), mm.y(), mm.z(),
                      tool.totalMass());
 }
@@ -335,6 +335,11 @@ struct InteractiveRun::Impl {
     loadSurface(sceneOfSurface(file, name, m), file, "making " + name + " soft");
     notice(false, describePlaced(scene->scene()));
     for (const std::string& note : scene->scene().notes) notice(false, note);
+    const double weight = scene->scene().world.tool().model.totalMass() * scene->scene().world.gravity.norm();
+    const double peak = scene->config().device.limits.peak_force;
+    if (weight > peak)
+      notice(true,
+             fmt::format("it weighs {:.3g} N, and the device gives {:.3g} N: choose a smaller size", weight, peak));
   }
 
   void requirePlacing() const {
