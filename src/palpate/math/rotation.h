@@ -72,4 +72,13 @@ inline Pose advance(const Pose& pose, const Vec6& xi) {
   return {pose.position + xi.head<3>(), (expRotation(xi.tail<3>()) * pose.rotation).normalized()};
 }
 
+/// Turns in place the vectors that a dense matrix holds one after the other (a multiple of 3 rows, column by column).
+template <typename Columns>
+void turnVectors(const Mat3& turn, Columns& columns) {
+  for (double *x = columns.data(), *end = x + columns.size(); x != end; x += 3) {
+    Eigen::Map<Vec3> vector(x);
+    vector = (turn * vector).eval();
+  }
+}
+
 }  // namespace palpate
