@@ -36,6 +36,8 @@ void requireSize(double size) {
   if (!(size >= 0) || !std::isfinite(size)) throw InputError("--size", "", "must be a finite length, m");
 }
 
+bool isVolumeFile(const std::string& path) { return endingOf(path) == ".vtk" || endingOf(path) == ".vtu"; }
+
 constexpr int kMostTetrahedra = 200'000;
 
 void requireCount(int tetrahedra, int least, const char* cause) {
@@ -45,8 +47,8 @@ void requireCount(int tetrahedra, int least, const char* cause) {
 }  // namespace
 
 EmbedSummary runMeshEmbed(const EmbedCommand& command) {
-  if (!command.out.empty() && endingOf(command.out) != ".vtk")
-    throw InputError("--out", "", "the name of a simulation mesh must end in .vtk");
+  if (!command.out.empty() && !isVolumeFile(command.out))
+    throw InputError("--out", "", "the name of a simulation mesh must end in .vtu or .vtk");
   requireCount(command.tetrahedra, 0, "must be from 1 to 200000, or auto");
   requireSize(command.size);
   StageTeller teller;
@@ -63,7 +65,7 @@ EmbedSummary runMeshEmbed(const EmbedCommand& command) {
   summary.surface = command.surface;
   summary.surface_vertices = static_cast<int>(mesh.surface.vertices.size());
   summary.surface_triangles = static_cast<int>(mesh.surface.triangles.size());
-  if (!command.out.empty()) writeVtk(command.out, mesh);
+  if (!command.out.empty()) writeSimulationMesh(command.out, mesh);
   return summary;
 }
 
@@ -155,19 +157,18 @@ void formatExtents(std::string& out, const Bounds& bounds) {
        bounds.low.z(), bounds.high.x(), bounds.high.y(), bounds.high.z());
 }
 
+// By its name: files that cannot be read are refused as such.
 bool isTetrahedral(const std::string& path) {
   const std::string ending = endingOf(path);
-  for (const char* known : {".msh", ".vtk", ".vtu", ".node", ".ele"}) {
-    if (ending == known) return true;
-  }
-  return false;
+  return isVolumeFile(path) || ending == ".msh" || ending == ".node" || ending == ".ele" || ending == ".med" ||
+         ending == ".pvtu";
 }
 
 }  // namespace
 
 TetrahedraInfo runTetrahedraInfo(const std::string& path) {
-  const SimulationMesh mesh = simulationMeshOf(readTetrahedra(path), path);
   TetrahedraInfo info;
+  const SimulationMesh mesh = simulationMeshOf(readTetrahedra(path, &info.notes), path);
   info.mesh = path;
   info.tetrahedra = static_cast<int>(mesh.mesh.tetrahedra.size());
   info.nodes = static_cast<int>(mesh.mesh.nodes.size());
@@ -184,6 +185,7 @@ std::string formatReport(const TetrahedraInfo& s) {
   line(out, "tetrahedra", "{}, {} pieces ({} connected through faces)", s.tetrahedra, s.quality.components,
        s.quality.face_components);
   line(out, "nodes", "{}, {} on the surface of {} triangles", s.nodes, s.surface_nodes, s.surface_triangles);
+  for (const std::string& note : s.notes) line(out, "note", "{}", note);
   formatExtents(out, s.bounds);
   line(out, "volume", "{:.6g}", s.volume);
   line(out, "worst elements", "dihedral angles {:.1f} to {:.1f} degrees, radius ratio {:.3g}, volume {:.3g}",
@@ -229,13 +231,13 @@ MakeSummary runMeshMake(const MakeCommand& command) {
     const SimulationMesh bar = barMesh(edge * Vec3(1, 1, 0.75), command.cells);
     s.tetrahedra = static_cast<int>(bar.mesh.tetrahedra.size());
     surface = bar.surface;
-    if (endingOf(command.out) == ".vtk") writeVtk(command.out, bar);
+    if (isVolumeFile(command.out)) writeSimulationMesh(command.out, bar);
   } else {
     surface = makeShape(command);
   }
   s.vertices = static_cast<int>(surface.vertices.size());
   s.triangles = static_cast<int>(surface.triangles.size());
-  if (endingOf(command.out) != ".vtk" || command.shape != "bar") writeSurface(command.out, surface);
+  if (!isVolumeFile(command.out) || command.shape != "bar") writeSurface(command.out, surface);
   return s;
 }
 
@@ -260,7 +262,9 @@ int countOf(const std::string& text) {
 }
 
 void addSurface(CLI::App& command, std::string& surface) {
-  command.add_option("surface", surface, "Triangle surface: OBJ, STL, PLY or OFF")->required()->type_name("SURFACE");
+  command.add_option("surface", surface, "Triangle surface: OBJ, STL, PLY, OFF, glTF or 3MF")
+      ->required()
+      ->type_name("SURFACE");
 }
 
 void addSize(CLI::App& command, double& size, const std::string& what) {
@@ -278,7 +282,9 @@ void addEmbed(CLI::App& group) {
       ->type_name("N|auto")
       ->default_str("300");
   addSize(*command, options->size, kSizeOfFile);
-  command->add_option("--out", options->out, "Write the simulation mesh (.vtk)")->check(kNotEmpty)->type_name("FILE");
+  command->add_option("--out", options->out, "Write the simulation mesh (.vtu or .vtk)")
+      ->check(kNotEmpty)
+      ->type_name("FILE");
   command->callback([options] { fmt::print("{}", formatReport(runMeshEmbed(*options))); });
 }
 
@@ -294,13 +300,16 @@ void addStiffness(CLI::App& group) {
 }
 
 void addInfo(CLI::App& group) {
-  const auto surface = std::make_shared<std::string>();
+  const auto file = std::make_shared<std::string>();
   CLI::App* command =
       group.add_subcommand("info", "Say what is in a file: a surface, before and after repair, or a tetrahedral mesh");
-  command->add_option("file", *surface, "Triangle surface or tetrahedral mesh")->required()->type_name("FILE");
-  command->callback([surface] {
-    fmt::print("{}", isTetrahedral(*surface) ? formatReport(runTetrahedraInfo(*surface))
-                                             : formatReport(runMeshInfo(*surface)));
+  command
+      ->add_option("file", *file,
+                   "Triangle surface: OBJ, STL, PLY, OFF, glTF or 3MF; tetrahedra: VTU, VTK, Gmsh or TetGen")
+      ->required()
+      ->type_name("FILE");
+  command->callback([file] {
+    fmt::print("{}", isTetrahedral(*file) ? formatReport(runTetrahedraInfo(*file)) : formatReport(runMeshInfo(*file)));
   });
 }
 
@@ -308,7 +317,7 @@ void addMake(CLI::App& group) {
   const auto options = std::make_shared<MakeCommand>();
   CLI::App* command = group.add_subcommand("make", "Make a procedural shape");
   command->add_option("shape", options->shape, "alien, bar, box, sphere or capsule")->required()->type_name("SHAPE");
-  command->add_option("--out", options->out, "File to write: .obj, .stl, .ply, .off; a bar also .vtk")
+  command->add_option("--out", options->out, "File to write: .obj, .stl, .ply, .off; a bar also .vtu, .vtk")
       ->required()
       ->type_name("FILE");
   addSize(*command, options->size, "Height, length or diameter, m");

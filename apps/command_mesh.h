@@ -11,12 +11,12 @@
 
 namespace palpate {
 
-/// `mesh embed SURFACE --tets N|auto [--size S] [--out FILE.vtk]`
+/// `mesh embed SURFACE --tets N|auto [--size S] [--out FILE]`
 struct EmbedCommand {
   std::string surface;
   int tetrahedra = 300;  ///< 0: as many as the thinnest parts that matter need
   double size = 0;       ///< [m] longest side of the bounding box; 0 keeps the file's lengths
-  std::string out;       ///< .vtk; empty for none
+  std::string out;       ///< .vtu or .vtk; empty for none
 };
 struct EmbedSummary {
   std::string surface;
@@ -63,6 +63,7 @@ struct TetrahedraInfo {
   double volume = 0;  ///< [m^3]
   TetrahedraQuality quality;
   Bounds bounds;
+  std::vector<std::string> notes;  ///< what the file holds besides
 };
 TetrahedraInfo runTetrahedraInfo(const std::string& mesh);
 std::string formatReport(const TetrahedraInfo& info);

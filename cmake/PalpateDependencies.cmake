@@ -5,6 +5,8 @@ find_package(fmt REQUIRED)
 find_package(yaml-cpp REQUIRED)
 find_package(nlohmann_json REQUIRED)
 find_package(CLI11 REQUIRED)
+find_package(pugixml REQUIRED)
+find_package(ZLIB REQUIRED)
 find_package(Boost 1.74 REQUIRED NO_MODULE) # headers only: Beast and Asio
 
 if(NOT TARGET yaml-cpp::yaml-cpp)
@@ -17,6 +19,13 @@ find_library(CHOLMOD_LIBRARY cholmod REQUIRED)
 add_library(palpate_cholmod INTERFACE)
 target_include_directories(palpate_cholmod SYSTEM INTERFACE ${CHOLMOD_INCLUDE_DIR})
 target_link_libraries(palpate_cholmod INTERFACE ${CHOLMOD_LIBRARY})
+
+# Debian's CMake package of libzip asks for tools that its library does not need.
+find_path(ZIP_INCLUDE_DIR zip.h REQUIRED)
+find_library(ZIP_LIBRARY zip REQUIRED)
+add_library(palpate_zip INTERFACE)
+target_include_directories(palpate_zip SYSTEM INTERFACE ${ZIP_INCLUDE_DIR})
+target_link_libraries(palpate_zip INTERFACE ${ZIP_LIBRARY})
 
 if(PALPATE_TESTS)
   find_package(GTest REQUIRED)

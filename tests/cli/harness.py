@@ -38,6 +38,21 @@ class Failure(Exception):
     """The program did not do what the case expects."""
 
 
+class Skip(Exception):
+    """What the case needs is not installed."""
+
+
+def with_vtk(script, *arguments):
+    """What a script of this folder prints; it runs with the distribution's Python, which has VTK."""
+    python = "/usr/bin/python3"
+    if subprocess.run([python, "-c", "import vtk"], capture_output=True).returncode != 0:
+        raise Skip("python3-vtk9 is not installed (./dev setup test)")
+    done = subprocess.run([python, "-B", str(pathlib.Path(__file__).parent / script), *map(str, arguments)],
+                          capture_output=True, text=True, timeout=100)
+    expect(done.returncode == 0, f"{script}: {done.stderr.strip()[-600:]}")
+    return done.stdout
+
+
 def case(function):
     """Registers a function of one argument, a Context, as a case named after it."""
     CASES[function.__name__.replace("_", "-")] = function

@@ -155,7 +155,7 @@ TEST(LoadSolid, ScalesAndRefusesWhatIsNotSolid) {
 TEST(TetrahedralIo, VtkGivesBackWhatWasWritten) {
   const SimulationMesh bar = barMesh(Vec3(0.3, 0.2, 0.1), {2, 2, 1});
   const std::string path = scratch("bar.vtk");
-  writeVtk(path, bar);
+  writeSimulationMesh(path, bar);
   const TetrahedralMesh back = readTetrahedra(path);
   ASSERT_EQ(back.tetrahedra.size(), bar.mesh.tetrahedra.size());
   for (size_t t = 0; t < back.tetrahedra.size(); ++t)

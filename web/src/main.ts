@@ -761,8 +761,8 @@ class App {
       this.openReplay(await file.arrayBuffer(), file.name, this.session.mode === 'view');
       return;
     }
-    if (!/\.(obj|stl|ply|off)$/i.test(file.name)) {
-      this.notice('error', `${file.name} is none of OBJ, STL, PLY, OFF and recording.palpate.`);
+    if (!/\.(obj|stl|ply|off|glb|gltf|3mf)$/i.test(file.name)) {
+      this.notice('error', `${file.name} is none of OBJ, STL, PLY, OFF, glTF, 3MF and recording.palpate.`);
       return;
     }
     if (this.session.mode === 'replay') {

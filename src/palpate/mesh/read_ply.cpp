@@ -2,19 +2,17 @@
 #include <optional>
 
 #include "palpate/common/error.h"
-#include "palpate/mesh/byte_reader.h"
+#include "palpate/mesh/number_type.h"
 #include "palpate/mesh/surface_formats.h"
 #include "palpate/mesh/text_scanner.h"
 
 namespace palpate {
 namespace {
 
-enum class Type { i8, u8, i16, u16, i32, u32, f32, f64 };
-
 struct Property {
   std::string name;
-  Type type = Type::f32;
-  std::optional<Type> count_type;  ///< for lists
+  NumberType type = NumberType::f32;
+  std::optional<NumberType> count_type;  ///< for lists
 };
 
 struct Element {
@@ -23,46 +21,16 @@ struct Element {
   std::vector<Property> properties;
 };
 
-std::optional<Type> typeNamed(std::string_view name) {
-  if (name == "char" || name == "int8") return Type::i8;
-  if (name == "uchar" || name == "uint8") return Type::u8;
-  if (name == "short" || name == "int16") return Type::i16;
-  if (name == "ushort" || name == "uint16") return Type::u16;
-  if (name == "int" || name == "int32") return Type::i32;
-  if (name == "uint" || name == "uint32") return Type::u32;
-  if (name == "float" || name == "float32") return Type::f32;
-  if (name == "double" || name == "float64") return Type::f64;
+std::optional<NumberType> typeNamed(std::string_view name) {
+  if (name == "char" || name == "int8") return NumberType::i8;
+  if (name == "uchar" || name == "uint8") return NumberType::u8;
+  if (name == "short" || name == "int16") return NumberType::i16;
+  if (name == "ushort" || name == "uint16") return NumberType::u16;
+  if (name == "int" || name == "int32") return NumberType::i32;
+  if (name == "uint" || name == "uint32") return NumberType::u32;
+  if (name == "float" || name == "float32") return NumberType::f32;
+  if (name == "double" || name == "float64") return NumberType::f64;
   return std::nullopt;
-}
-
-template <class T>
-bool takeAs(ByteReader& bytes, double& value) {
-  T raw;
-  if (!bytes.take(raw)) return false;
-  value = static_cast<double>(raw);
-  return true;
-}
-
-bool takeNumber(ByteReader& bytes, Type type, double& value) {
-  switch (type) {
-    case Type::i8:
-      return takeAs<int8_t>(bytes, value);
-    case Type::u8:
-      return takeAs<uint8_t>(bytes, value);
-    case Type::i16:
-      return takeAs<int16_t>(bytes, value);
-    case Type::u16:
-      return takeAs<uint16_t>(bytes, value);
-    case Type::i32:
-      return takeAs<int32_t>(bytes, value);
-    case Type::u32:
-      return takeAs<uint32_t>(bytes, value);
-    case Type::f32:
-      return takeAs<float>(bytes, value);
-    case Type::f64:
-      return takeAs<double>(bytes, value);
-  }
-  return false;
 }
 
 class PlyReader {
@@ -107,8 +75,8 @@ class PlyReader {
     scan_.fail("the header has no end");
   }
 
-  Type readType() {
-    const std::optional<Type> type = typeNamed(scan_.word());
+  NumberType readType() {
+    const std::optional<NumberType> type = typeNamed(scan_.word());
     if (!type) scan_.fail("unknown type of property");
     return *type;
   }
@@ -122,7 +90,7 @@ class PlyReader {
       property.count_type = readType();
       property.type = readType();
     } else {
-      const std::optional<Type> type = typeNamed(first);
+      const std::optional<NumberType> type = typeNamed(first);
       if (!type) scan_.fail("unknown type of property");
       property.type = *type;
     }
@@ -134,7 +102,7 @@ class PlyReader {
     throw InputError(builder_.name(), element.name + " " + std::to_string(i + 1), "the file is truncated here");
   }
 
-  double next(Type type, const Element& element, long long i) {
+  double next(NumberType type, const Element& element, long long i) {
     if (text_) return scan_.anyNumber(element.name.c_str());
     double value = 0;
     if (!takeNumber(bytes_, type, value)) truncated(element, i);

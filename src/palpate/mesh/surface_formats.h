@@ -43,5 +43,8 @@ void readObj(std::string_view data, SurfaceBuilder& builder);
 void readStl(std::string_view data, SurfaceBuilder& builder);
 void readPly(std::string_view data, SurfaceBuilder& builder);
 void readOff(std::string_view data, SurfaceBuilder& builder);
+/// @param folder  of the files that it refers to; empty: there are none
+void readGltf(std::string_view data, SurfaceBuilder& builder, const std::string& folder);
+void readThreeMf(std::string_view data, SurfaceBuilder& builder);
 
 }  // namespace palpate

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstdint>
 #include <cstring>
+#include <filesystem>
 #include <limits>
 
 #include "palpate/common/error.h"
@@ -58,10 +59,15 @@ SurfaceFormat surfaceFormatOf(const std::string& path) {
   if (ending == ".stl") return SurfaceFormat::stl;
   if (ending == ".ply") return SurfaceFormat::ply;
   if (ending == ".off") return SurfaceFormat::off;
-  throw InputError(path, "", "unknown kind of surface file: the name must end in .obj, .stl, .ply or .off");
+  if (ending == ".gltf" || ending == ".glb") return SurfaceFormat::gltf;
+  if (ending == ".3mf") return SurfaceFormat::three_mf;
+  throw InputError(path, "",
+                   "unknown kind of surface file: the name must end in .obj, .stl, .ply, .off, .glb, .gltf or .3mf");
 }
 
-Surface readSurfaceFromMemory(std::string_view data, SurfaceFormat format, const std::string& name) {
+namespace {
+
+Surface readFrom(std::string_view data, SurfaceFormat format, const std::string& name, const std::string& folder) {
   if (data.empty()) throw InputError(name, "", "is empty");
   SurfaceBuilder builder(name);
   switch (format) {
@@ -77,13 +83,26 @@ Surface readSurfaceFromMemory(std::string_view data, SurfaceFormat format, const
     case SurfaceFormat::off:
       readOff(data, builder);
       break;
+    case SurfaceFormat::gltf:
+      readGltf(data, builder, folder);
+      break;
+    case SurfaceFormat::three_mf:
+      readThreeMf(data, builder);
+      break;
   }
   return builder.finish();
 }
 
+}  // namespace
+
+Surface readSurfaceFromMemory(std::string_view data, SurfaceFormat format, const std::string& name) {
+  return readFrom(data, format, name, "");
+}
+
 Surface readSurface(const std::string& path) {
   const SurfaceFormat format = surfaceFormatOf(path);
-  return readSurfaceFromMemory(readFile(path), format, path);
+  const std::string folder = std::filesystem::path(path).parent_path().string();
+  return readFrom(readFile(path), format, path, folder.empty() ? "." : folder);
 }
 
 Surface loadSolid(const std::string& path, double size, RepairReport* report) {
@@ -178,6 +197,9 @@ void writeSurface(const std::string& path, const Surface& surface) {
       return writeFile(path, plyBytes(surface));
     case SurfaceFormat::stl:
       return writeFile(path, stlBytes(surface));
+    case SurfaceFormat::gltf:
+    case SurfaceFormat::three_mf:
+      throw InputError(path, "", "glTF and 3MF are read, not written: the name must end in .obj, .stl, .ply or .off");
   }
 }
 

@@ -1,5 +1,6 @@
 #include "palpate/mesh/text_scanner.h"
 
+#include <algorithm>
 #include <charconv>
 #include <cmath>
 #include <filesystem>
@@ -23,7 +24,33 @@ std::string quoted(std::string_view word) {
 }  // namespace
 
 void TextScanner::fail(const std::string& cause) const {
-  throw InputError(name_, "line " + std::to_string(line_), cause);
+  throw InputError(name_, binary_ ? "byte " + std::to_string(next_) : "line " + std::to_string(line_), cause);
+}
+
+std::string_view TextScanner::bytes(size_t count) {
+  rest_ = {};
+  binary_ = true;
+  if (count > text_.size() - next_) fail("the file is truncated here");
+  const std::string_view result = text_.substr(next_, count);
+  next_ += count;
+  return result;
+}
+
+void TextScanner::skipTo(size_t offset) {
+  offset = std::min(offset, text_.size());
+  const std::string_view between =
+      text_.substr(std::min(offset, next_), std::max(offset, next_) - std::min(offset, next_));
+  const auto lines = static_cast<int>(std::count(between.begin(), between.end(), '\n'));
+  line_ += offset < next_ ? -lines : lines;
+  rest_ = {};
+  next_ = offset;
+}
+
+void TextScanner::skipPast(const std::string& word) {
+  const size_t at = text_.find(word, next_);
+  if (at == std::string_view::npos) fail("the file ends where " + word + " should follow");
+  rest_ = {};
+  next_ = at + word.size();
 }
 
 bool TextScanner::nextLine() {

@@ -30,6 +30,13 @@ class TextScanner {
   /// Everything from `comment` to the end of a line is skipped.
   void setComment(char comment) { comment_ = comment; }
   void skipRestOfLine() { rest_ = {}; }
+  /// The next bytes, from the beginning of the next line on; what is left of this one is dropped, and messages name
+  /// bytes instead of lines from here on. Throws InputError if the text has not as many left.
+  std::string_view bytes(size_t count);
+  /// Goes on with the line that begins at an offset() of before or behind.
+  void skipTo(size_t offset);
+  /// To behind the next `word`, which ends a part that does not matter. Throws InputError if there is none.
+  void skipPast(const std::string& word);
   size_t offset() const { return next_; }  ///< of the next line
   int line() const { return line_; }
   [[noreturn]] void fail(const std::string& cause) const;
@@ -40,6 +47,7 @@ class TextScanner {
   std::string_view rest_;
   size_t next_ = 0;
   int line_ = 0;
+  bool binary_ = false;
   char comment_ = '#';
 };
 

@@ -230,7 +230,7 @@ std::unique_ptr<MouseDevice> buildMouse(const SceneConfig& config, const Pose& s
   return std::make_unique<MouseDevice>(config.device, buildPath(config.tool.chosenHandle().hand), start);
 }
 
-SimulationMesh buildMesh(const BodyConfig& config, EmbedReport* report) {
+SimulationMesh buildMesh(const BodyConfig& config, EmbedReport* report, std::vector<std::string>* notes) {
   if (const auto* bar = std::get_if<BarShapeConfig>(&config.shape)) {
     SimulationMesh mesh = barMesh(bar->size, bar->cells);
     const Vec3 shift(-0.5 * bar->size.x(), -0.5 * bar->size.y(), 0.0);
@@ -238,7 +238,7 @@ SimulationMesh buildMesh(const BodyConfig& config, EmbedReport* report) {
     return mesh;
   }
   if (const auto* file = std::get_if<TetrahedraFileShapeConfig>(&config.shape)) {
-    return simulationMeshOf(readTetrahedra(file->file.path.string()), config.name);
+    return simulationMeshOf(readTetrahedra(file->file.path.string(), notes), config.name);
   }
   EmbedOptions options;
   options.target_tetrahedra = config.tetrahedra;
@@ -412,7 +412,7 @@ BuiltScene buildChecked(const SceneConfig& config) {
   const auto add = [&](const BodyConfig& b, const Vec6& velocity, bool tool) {
     EmbedReport report;
     teller.at(b.name + ": making its mesh");
-    const SimulationMesh rest = buildMesh(b, &report);
+    const SimulationMesh rest = buildMesh(b, &report, &out.notes);
     SimulationMesh mesh = rest;
     place(mesh, b.pose);
     count(out, mesh);

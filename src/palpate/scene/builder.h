@@ -41,6 +41,8 @@ std::unique_ptr<MouseDevice> buildMouse(const SceneConfig& config, const Pose& s
 CompensatedWeight staticWeight(const World& world);
 
 /// The tool of a scene alone, without device: for reports on meshes and for checks.
-SimulationMesh buildMesh(const BodyConfig& config, EmbedReport* report = nullptr);
+/// @param notes  gets a line on each thing of a mesh file that is left out; may be null
+SimulationMesh buildMesh(const BodyConfig& config, EmbedReport* report = nullptr,
+                         std::vector<std::string>* notes = nullptr);
 
 }  // namespace palpate
