@@ -28,5 +28,6 @@ void addValidateCommand(CLI::App& app);
 void addDevicesCommand(CLI::App& app);
 void addViewCommand(CLI::App& app);
 void addReplayCommand(CLI::App& app);
+void addExportCommand(CLI::App& app);
 
 }  // namespace palpate

@@ -47,6 +47,7 @@ int main(int argc, char** argv) {
   palpate::addViewCommand(app);
   palpate::addRunCommand(app);
   palpate::addReplayCommand(app);
+  palpate::addExportCommand(app);
   palpate::addOneDCommand(app);
   palpate::addCheckCommand(app);
   palpate::addEvaluateCommand(app);

@@ -110,7 +110,7 @@ TEST(ViewerMessages, FrameHoldsTheStateAfterAStep) {
   const StateReader reader(scene.world);
   SceneState state;
   state.step = 30;
-  reader.read(scene.world, config.visual_step, true, state);
+  reader.read(scene.world, true, state);
   TickRecord tick;
   tick.time = 0.6;
   tick.sent << 1, 2, 3, 4, 5, 6;
@@ -161,7 +161,7 @@ TEST(ViewerMessages, StressOfUniaxialStrain) {
   scene.world.setBody(scene.world.toolIndex(), state);
   const StateReader reader(scene.world);
   SceneState out;
-  reader.read(scene.world, 0.02, true, out);
+  reader.read(scene.world, true, out);
   for (int n = 0; n < tool.model.nodes(); ++n) EXPECT_NEAR(out.stress[n], 2e4 * strain, 2e-3 * 2e4 * strain);
 }
 

@@ -649,6 +649,10 @@ export function decodeRecording(buffer: ArrayBuffer): Recording | Invalid {
       complaint = 'the recording ends in the middle of a record';
       break;
     }
+    if (kind === RECORDING.extra) {
+      at += Math.ceil(size / RECORDING.alignment) * RECORDING.alignment;
+      continue;
+    }
     // A copy, so that arrays are aligned and a frame does not keep the whole file alive.
     const message =
       kind === RECORDING.text

@@ -19,7 +19,6 @@ Recorder::Recorder(const std::filesystem::path& file, const SceneConfig& config,
       out_(file, std::ios::binary | std::ios::trunc),
       reader_(scene.world),
       samples_(scene.world.link, scene.haptic.proxy.mass * scene.haptic.proxy.gravity, kGeneration),
-      visual_step_(config.visual_step),
       substeps_(config.substeps) {
   if (!out_) throw InputError(file.string(), "", "cannot be written");
   out_ << protocol::kRecordingMagic;
@@ -28,6 +27,7 @@ Recorder::Recorder(const std::filesystem::path& file, const SceneConfig& config,
   put(RecordKind::text, sceneMessage(config, scene, {}, kGeneration));
   put(RecordKind::binary, geometryMessage(scene.world, kGeneration));
   put(RecordKind::text, stateMessage(config, settings, {}, kGeneration));
+  put(RecordKind::extra, reader_.materials(scene.world));
 }
 
 RunSink Recorder::watch(RunSink sink) {
@@ -63,10 +63,11 @@ void Recorder::step(const VisualRecord& step, int substeps) {
 void Recorder::state(const World& world, const VisualRecord& step) {
   const std::lock_guard lock(mutex_);
   ++state_.step;
-  reader_.read(world, visual_step_, true, state_);
+  reader_.read(world, true, state_);
   TickRecord tick = last_tick_;
   tick.time = step.time;
   put(RecordKind::binary, frameMessage(state_, tick, 0, kGeneration, true));
+  put(RecordKind::extra, stepExtra(world));
 }
 
 void Recorder::flushSamples() { put(RecordKind::binary, samples_.take()); }

@@ -41,7 +41,6 @@ class Recorder {
   SampleEncoder samples_;
   SceneState state_;
   TickRecord last_tick_;
-  double visual_step_ = 0.033;
   int substeps_ = 1;
 };
 

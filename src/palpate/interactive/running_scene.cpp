@@ -111,7 +111,7 @@ void RunningScene::stepped(const World& world, const VisualRecord& record) {
 }
 
 void RunningScene::keepState() {
-  reader_.read(scene_.world, config_.visual_step, stress_.load(std::memory_order_relaxed), state_);
+  reader_.read(scene_.world, stress_.load(std::memory_order_relaxed), state_);
   states_.write(state_);
 }
 

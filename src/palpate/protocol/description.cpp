@@ -40,7 +40,8 @@ std::string protocolDescription() {
   out["recording"] = {{"magic", kRecordingMagic},
                       {"alignment", kRecordAlignment},
                       {"text", RecordKind::text},
-                      {"binary", RecordKind::binary}};
+                      {"binary", RecordKind::binary},
+                      {"extra", RecordKind::extra}};
   out["commands"] = commandNames();
   out["settings"] = settingNames();
   out["limits"] = {{"visual_step", range(kVisualStep)},

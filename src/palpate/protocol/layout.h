@@ -22,8 +22,10 @@ enum class ContactKind { open = 0, sticking = 1, sliding = 2 };
 
 /// A recording begins with it.
 inline constexpr std::string_view kRecordingMagic = "PALPATE1";
-/// First number of a record of a recording.
-enum class RecordKind : std::uint32_t { text = 0, binary = 1 };
+/// First number of a record of a recording. The page passes `extra` over.
+enum class RecordKind : std::uint32_t { text = 0, binary = 1, extra = 2 };
+/// First number of an `extra` record.
+enum class ExtraKind : std::uint32_t { materials = 1, step = 2 };
 /// Records and their payloads begin at multiples of this in a recording [bytes].
 inline constexpr std::size_t kRecordAlignment = 8;
 

@@ -76,6 +76,14 @@ void writeObstacle(const Obstacle& obstacle, ByteWriter& out) {
   }
 }
 
+// Of the last part of a step, which has a length of its own, on the first body [N].
+Vec3 contactForce(const World& world, std::size_t c) {
+  const ContactSet& set = world.contacts();
+  const Contact& contact = set.contacts[c];
+  const double h = world.body(contact.first.body).system.input().step;
+  return contact.frame().transpose() * set.impulse.segment<3>(3 * static_cast<Eigen::Index>(c)) / h;
+}
+
 double vonMises(const Mat3& s) {
   const Mat3 deviator = s - s.trace() / 3.0 * Mat3::Identity();
   return std::sqrt(1.5) * deviator.norm();
@@ -201,7 +209,7 @@ StateReader::StateReader(const World& world) {
   }
 }
 
-void StateReader::read(const World& world, double h, bool stress, SceneState& out) const {
+void StateReader::read(const World& world, bool stress, SceneState& out) const {
   out.nodes.clear();
   for (int i = 0; i < world.bodies(); ++i) {
     const VecX& x = world.body(i).state.positions;
@@ -213,7 +221,7 @@ void StateReader::read(const World& world, double h, bool stress, SceneState& ou
   for (std::size_t c = 0; c < set.contacts.size(); ++c) {
     const Contact& contact = set.contacts[c];
     if (contact.glued()) continue;
-    const Vec3 force = contact.frame().transpose() * set.impulse.segment<3>(3 * static_cast<Eigen::Index>(c)) / h;
+    const Vec3 force = contactForce(world, c);
     for (const Vec3& v : {contact.position, contact.normal, force}) {
       for (int k = 0; k < 3; ++k) out.contacts.push_back(static_cast<float>(v[k]));
     }
@@ -221,6 +229,50 @@ void StateReader::read(const World& world, double h, bool stress, SceneState& ou
   }
   out.stress.clear();
   if (stress) readStress(world, out.stress);
+}
+
+std::string StateReader::materials(const World& world) const {
+  ByteWriter out;
+  out.u32(numberOf(protocol::ExtraKind::materials));
+  for (int i = 0; i < world.bodies(); ++i) {
+    const Body body = world.body(i);
+    const std::vector<ElasticElement>& elements = body.model.elasticity().elements();
+    const std::size_t count = body.model.isRigid() ? 0 : elements.size();
+    out.u32(count);
+    for (std::size_t t = 0; t < count; ++t) out.f32(elements[t].lambda / filled_[i][t]);
+    for (std::size_t t = 0; t < count; ++t) out.f32(elements[t].mu / filled_[i][t]);
+  }
+  return out.take();
+}
+
+std::string stepExtra(const World& world) {
+  ByteWriter out;
+  out.u32(numberOf(protocol::ExtraKind::step));
+  std::vector<int> first_node;
+  int nodes = 0;
+  for (int i = 0; i < world.bodies(); ++i) {
+    out.f32(world.body(i).state.elastic.stiffness_scale);
+    first_node.push_back(nodes);
+    nodes += world.body(i).model.nodes();
+  }
+  const std::vector<Contact>& contacts = world.contacts().contacts;
+  std::map<int, Vec3> forces;
+  const auto spread = [&](const ContactPoint& point, const Vec3& force) {
+    for (int k = 0; k < point.count && point.body >= 0; ++k) {
+      forces.try_emplace(first_node[point.body] + point.node[k], Vec3::Zero()).first->second += point.weight[k] * force;
+    }
+  };
+  out.u32(contacts.size());
+  for (std::size_t c = 0; c < contacts.size(); ++c) {
+    out.u32(static_cast<std::uint32_t>(contacts[c].first.body));
+    out.u32(static_cast<std::uint32_t>(contacts[c].second.body));
+    spread(contacts[c].first, contactForce(world, c));
+    spread(contacts[c].second, -contactForce(world, c));
+  }
+  out.u32(forces.size());
+  for (const auto& [node, force] : forces) out.u32(node);
+  for (const auto& [node, force] : forces) out.vec(force);
+  return out.take();
 }
 
 // Cauchy stress of the corotational law in the rotated frame, whose von Mises measure is the same; averaged at nodes by
@@ -233,9 +285,12 @@ void StateReader::readStress(const World& world, std::vector<float>& out) const 
     weight.assign(body.model.nodes(), 0.0);
     const std::vector<ElasticElement>& elements = body.model.elasticity().elements();
     const ElasticState& elastic = body.state.elastic;
+    // those of the state's positions, where they are known; the state's own are of the start of the step
+    const std::vector<Mat3>& rotations =
+        body.system.ahead().isFor(body.state.positions) ? body.system.ahead().rotations : elastic.rotations;
     for (std::size_t t = 0; t < elements.size() && !body.model.isRigid(); ++t) {
       const ElasticElement& e = elements[t];
-      const Mat3 g = elastic.rotations[t].transpose() * e.deformationGradient(body.state.positions);
+      const Mat3 g = rotations[t].transpose() * e.deformationGradient(body.state.positions);
       const Mat3 strain = 0.5 * (g + g.transpose()) - Mat3::Identity();
       const double filled = filled_[i][t];
       const Mat3 unscaled = (e.lambda * strain.trace() * Mat3::Identity() + 2.0 * e.mu * strain) / filled;

@@ -93,13 +93,19 @@ struct SceneState {
 class StateReader {
  public:
   explicit StateReader(const World& world);
-  /// After a step of length h [s].
-  void read(const World& world, double h, bool stress, SceneState& out) const;
+  /// After a step. Contact forces are those of its last part.
+  void read(const World& world, bool stress, SceneState& out) const;
+  /// Extra record `materials`: Lame constants of all tetrahedra.
+  std::string materials(const World& world) const;
 
  private:
   void readStress(const World& world, std::vector<float>& out) const;
   std::vector<std::vector<double>> filled_;  // of each tetrahedron of each body: volume times filled share [m^3]
 };
+
+/// Extra record `step`: what a frame lacks for other programs: stiffness of the bodies, bodies of the contacts, contact
+/// forces at the nodes.
+std::string stepExtra(const World& world);
 
 /// Binary `frame`.
 /// @param nodes  whether node positions, stress and contacts are part of it

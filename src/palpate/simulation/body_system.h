@@ -168,6 +168,8 @@ class BodySystem {
   std::vector<AttachmentForce> attachmentForces() const;
   /// Work that driven attachments did in it [J].
   double attachmentWork() const;
+  /// Rotations and forces found at the end of the step; may be for other positions, or none.
+  const ElasticAhead& ahead() const { return ahead_; }
   /// The state was set from outside: nothing found ahead of the next step holds.
   void forget() {
     ahead_.clear();
