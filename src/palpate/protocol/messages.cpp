@@ -218,9 +218,8 @@ void StateReader::read(const World& world, bool stress, SceneState& out) const {
   out.handle = world.tool().state.handle.pose;
   out.contacts.clear();
   const ContactSet& set = world.contacts();
-  for (std::size_t c = 0; c < set.contacts.size(); ++c) {
+  for (auto c = static_cast<std::size_t>(set.glued); c < set.contacts.size(); ++c) {
     const Contact& contact = set.contacts[c];
-    if (contact.glued()) continue;
     const Vec3 force = contactForce(world, c);
     for (const Vec3& v : {contact.position, contact.normal, force}) {
       for (int k = 0; k < 3; ++k) out.contacts.push_back(static_cast<float>(v[k]));
@@ -256,14 +255,15 @@ std::string stepExtra(const World& world) {
     nodes += world.body(i).model.nodes();
   }
   const std::vector<Contact>& contacts = world.contacts().contacts;
+  const auto glued = static_cast<std::size_t>(world.contacts().glued);  // come first, and are not recorded
   std::map<int, Vec3> forces;
   const auto spread = [&](const ContactPoint& point, const Vec3& force) {
     for (int k = 0; k < point.count && point.body >= 0; ++k) {
       forces.try_emplace(first_node[point.body] + point.node[k], Vec3::Zero()).first->second += point.weight[k] * force;
     }
   };
-  out.u32(contacts.size());
-  for (std::size_t c = 0; c < contacts.size(); ++c) {
+  out.u32(contacts.size() - glued);
+  for (std::size_t c = glued; c < contacts.size(); ++c) {
     out.u32(static_cast<std::uint32_t>(contacts[c].first.body));
     out.u32(static_cast<std::uint32_t>(contacts[c].second.body));
     spread(contacts[c].first, contactForce(world, c));
