@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "palpate/common/cancellation.h"
+
 namespace palpate {
 namespace {
 
@@ -24,6 +26,7 @@ CellContents::CellContents(const BccLattice& lattice, const InsideField& field) 
 
 // Corners in cells. Long triangles that lie askew are halved, as few cells of their boxes are on them.
 void CellContents::markCut(const Vec3& a, const Vec3& b, const Vec3& c) {
+  throwIfCancelled();
   const Vec3 low = a.cwiseMin(b).cwiseMin(c) - Vec3::Constant(kSlack);
   const Vec3 high = a.cwiseMax(b).cwiseMax(c) + Vec3::Constant(kSlack);
   Cell from, to;
@@ -91,6 +94,7 @@ void CellContents::fillFrom(const std::vector<int64_t>& cut, const BccLattice& l
     if (contents_.try_emplace(cell, Content::inside).second) stack.push_back(cell);
   };
   for (const int64_t cell : cut) {
+    throwIfCancelled();
     forEachNeighbor(cell, test);
     while (!stack.empty()) {
       const int64_t inside = stack.back();

@@ -10,6 +10,7 @@
 #include <optional>
 #include <unordered_map>
 
+#include "palpate/common/cancellation.h"
 #include "palpate/common/error.h"
 #include "palpate/mesh/mesh_quality.h"
 #include "palpate/mesh/piece_mesh.h"
@@ -268,6 +269,7 @@ class Assembly {
     const std::vector<Vec3> normals = vertexNormals(result_.surface);
     const PieceLocator locator(lattice_, cut_, pieces_);
     for (size_t v = 0; v < normals.size(); ++v) {
+      throwIfCancelled();
       const Vec3& x = result_.surface.vertices[v];
       const int piece = locator.under(x, normals[v]);
       result_.embedding.push_back(piece >= 0 ? embedNear(x, piece) : embedAnywhere(x));
@@ -498,7 +500,9 @@ SimulationMesh embedSurface(const Surface& input, const EmbedOptions& options, E
   for (const Vec3& x : input.vertices)
     if (!x.allFinite() || x.cwiseAbs().maxCoeff() > 1e9)
       throw InputError(options.name, "", "has a vertex that is not finite, or beyond 1e9 m");
+  throwIfCancelled();
   RepairedSurface repaired = repairSurface(input);
+  throwIfCancelled();
   const Surface& surface = repaired.surface;
   r.repair = repaired.report;
   requireSolid(surface, options.name);
@@ -531,11 +535,13 @@ SimulationMesh embedSurface(const Surface& input, const EmbedOptions& options, E
                          std::to_string(trial->pieces->count()) + " tetrahedra: it " +
                          thinText(r.thickness, chosen, solid, box));
 
+  throwIfCancelled();
   r.overlap_share = overlapShare(*trial, field);
   if (r.overlap_share < kOverlap) r.overlap_share = 0;
   // contact acts on the surface's vertices: no fewer than the mesh can follow
   const Surface refined = refineSurface(surface, trial->lattice.cellSize());
   Assembly assembly(*trial, refined, solid, r.overlap_share > 0);
+  throwIfCancelled();
   SimulationMesh mesh = assembly.take();
   r.sampled_volume = assembly.sampledVolume();
   r.cell_size = trial->lattice.cellSize();

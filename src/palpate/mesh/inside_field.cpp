@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "palpate/common/cancellation.h"
+
 namespace palpate {
 namespace {
 
@@ -27,6 +29,7 @@ InsideField::InsideField(const Surface& capped, double voxels) : winding_(capped
 
 void InsideField::markNear(const Surface& surface) {
   for (const auto& t : surface.triangles) {
+    throwIfCancelled();
     const Vec3& a = surface.vertices[static_cast<size_t>(t[0])];
     const Vec3& b = surface.vertices[static_cast<size_t>(t[1])];
     const Vec3& c = surface.vertices[static_cast<size_t>(t[2])];
@@ -58,6 +61,7 @@ void InsideField::flood() {
   const size_t layer = row * static_cast<size_t>(counts_[1]);
   for (size_t seed = 0; seed < states_.size(); ++seed) {
     if (states_[seed] != Voxel::unknown) continue;
+    throwIfCancelled();
     const Vec3 cell(static_cast<double>(seed % row), static_cast<double>(seed % layer / row),
                     static_cast<double>(seed / layer));
     const Vec3 center = low_ + size_ * (cell + Vec3::Constant(0.5));

@@ -5,6 +5,7 @@
 #include <set>
 #include <unordered_map>
 
+#include "palpate/common/cancellation.h"
 #include "palpate/mesh/face_table.h"
 
 namespace palpate {
@@ -29,7 +30,9 @@ PieceMesh::PieceMesh(const BccLattice& lattice, const TetrahedronSubdivision& cu
       absorbed_(solid_.pieces.size()) {
   for (size_t p = 0; p < host_.size(); ++p) host_[p] = static_cast<int>(p);
   uniteCorners(virtual_nodes);
+  throwIfCancelled();
   mergeIdentical();
+  throwIfCancelled();
   findFaces();
   mergeSlivers(smallest_fill);
   dropCrumbs();
@@ -142,6 +145,7 @@ void PieceMesh::mergeSlivers(double smallest_fill) {
     return solid_.pieces[static_cast<size_t>(a)].samples < solid_.pieces[static_cast<size_t>(b)].samples;
   });
   for (int p : small) {
+    throwIfCancelled();
     if (!isKept(p) || solid_.pieces[static_cast<size_t>(p)].samples >= limit) continue;
     merged_slivers_ += giveAway(p);
   }
@@ -231,6 +235,7 @@ void PieceMesh::dropCrumbs() {
   });
   if (rest.empty()) return;
   for (int p : crumbs) {
+    throwIfCancelled();
     int best = rest.front();
     double best_weight = -1e300;
     const auto points = lattice_.points(tetrahedronOf(p));

@@ -5,6 +5,8 @@
 #include <map>
 #include <utility>
 
+#include "palpate/common/cancellation.h"
+
 namespace palpate {
 namespace {
 
@@ -95,8 +97,7 @@ Surface refineSurface(const Surface& surface, double longest, std::size_t most) 
   if (!(longest > 0)) return out;
   const double limit = static_cast<double>(std::max(most, surface.triangles.size()));
   while (expectedTriangles(surface, longest) > limit && longest < 1e12) longest *= 1.25;
-  while (Splitter(out, longest).run()) {
-  }
+  while (Splitter(out, longest).run()) throwIfCancelled();
   return out;
 }
 

@@ -5,6 +5,7 @@
 #include <set>
 #include <tuple>
 
+#include "palpate/common/cancellation.h"
 #include "palpate/mesh/cell_contents.h"
 #include "palpate/mesh/edge_table.h"
 
@@ -47,6 +48,7 @@ class Cutter {
     const CellContents contents(lattice_, field_);
     const auto& n = lattice_.cells();
     for (const BccLattice::Point& lower : lowerCells(contents)) {
+      throwIfCancelled();
       const Content a = contents.at(lower);
       for (int axis = 0; axis < 3; ++axis) {
         BccLattice::Point upper = lower;
@@ -93,6 +95,7 @@ class Cutter {
   void labelPieces() {
     const int count = cut_.count();
     for (size_t slot = 0; slot < result_.tetrahedra.size(); ++slot) {
+      throwIfCancelled();
       int* label = result_.label.data() + slot * static_cast<size_t>(count);
       DisjointSets sets(count);
       for (const auto& [a, b] : cut_.neighbors())
@@ -145,6 +148,7 @@ class Cutter {
   }
 
   void linkAcross(const Face& a, const Face& b) {
+    throwIfCancelled();
     const auto width = static_cast<size_t>(3 * cut_.side() + 1);
     grid_.assign(width * width, -1);
     const auto place = [&](const Face& face, const TetrahedronSubdivision::FacePart& part) {

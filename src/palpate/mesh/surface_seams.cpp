@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "palpate/common/cancellation.h"
 #include "palpate/mesh/surface_measures.h"
 
 namespace palpate {
@@ -35,6 +36,7 @@ class SeamFinder {
 
   // A grid over the triangle, n intervals a side; each point beside the two before it.
   void examine(const std::array<int, 3>& t) {
+    throwIfCancelled();
     const Vec3 &a = surface_.vertices[t[0]], &b = surface_.vertices[t[1]], &c = surface_.vertices[t[2]];
     const double longest = std::max({(b - a).norm(), (c - b).norm(), (a - c).norm()});
     const int n = std::clamp(static_cast<int>(std::ceil(longest / (0.5 * cell_))), 1, 400);

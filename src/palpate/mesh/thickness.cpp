@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "palpate/common/cancellation.h"
 #include "palpate/mesh/surface_measures.h"
 
 namespace palpate {
@@ -46,6 +47,7 @@ std::vector<double> solidThickness(const Surface& surface, const InsideField& fi
     const Vec3 ab = surface.vertices[t[1]] - a, ac = surface.vertices[t[2]] - a, normal = ab.cross(ac);
     passed += 0.5 * normal.norm();
     for (int k = 0; next < passed; ++k, next += each) {
+      throwIfCancelled();
       // the golden ratio's multiples spread over the triangle
       double u = std::fmod(1.0 / 3 + 0.7548776662466927 * k, 1.0), v = std::fmod(1.0 / 3 + 0.5698402909980532 * k, 1.0);
       if (u + v > 1) {

@@ -7,6 +7,7 @@
 #include <string>
 #include <utility>
 
+#include "palpate/common/cancellation.h"
 #include "palpate/common/error.h"
 #include "palpate/common/overloaded.h"
 #include "palpate/devices/prescribed_device.h"
@@ -330,8 +331,13 @@ void noteMesh(const BodyConfig& body, const EmbedReport& report, std::vector<std
   }
 }
 
+void begin(StageTeller& teller, const std::string& stage) {
+  throwIfCancelled();
+  teller.at(stage);
+}
+
 World::SettleProgress tellSteps(StageTeller& teller, const std::string& what) {
-  teller.at(what + ": towards rest");
+  begin(teller, what + ": towards rest");
   return [&teller, what](int step, double displacement) {
     teller.at(fmt::format("{}: towards rest, step {}, moved {:.2g} mm", what, step, 1e3 * displacement));
   };
@@ -404,20 +410,20 @@ BuiltScene buildChecked(const SceneConfig& config) {
   world.contact = config.contact.settings;
   world.budget = StepBudget::counted(stepBudget(config));
   for (const ObstacleConfig& o : config.obstacles) {
-    teller.at(o.name + ": reading its surface");
+    begin(teller, o.name + ": reading its surface");
     world.obstacles.push_back(buildObstacle(o));
     budget.spend(world.obstacles.back());
   }
 
   const auto add = [&](const BodyConfig& b, const Vec6& velocity, bool tool) {
     EmbedReport report;
-    teller.at(b.name + ": making its mesh");
+    begin(teller, b.name + ": making its mesh");
     const SimulationMesh rest = buildMesh(b, &report, &out.notes);
     SimulationMesh mesh = rest;
     place(mesh, b.pose);
     count(out, mesh);
     noteMesh(b, report, out.notes);
-    teller.at(fmt::format("{}: matrices of {} tetrahedra", b.name, rest.mesh.tetrahedra.size()));
+    begin(teller, fmt::format("{}: matrices of {} tetrahedra", b.name, rest.mesh.tetrahedra.size()));
     BodyModel body(b.name, std::move(mesh), b.material, frictionOf(b, config), velocity, elementMaterials(b, rest));
     for (const AttachmentConfig& a : b.attachments) body.attach(buildAttachment(a, b, rest));
     if (tool) {
@@ -426,7 +432,7 @@ BuiltScene buildChecked(const SceneConfig& config) {
     return world.add(std::move(body), b.self_contact);
   };
   const auto addRigid = [&](const BodyConfig& b, const Vec6& velocity, bool tool) {
-    teller.at(b.name + ": reading its surface");
+    begin(teller, b.name + ": reading its surface");
     const Surface surface = placed(buildSurface(b.shape), b.pose);
     budget.spend(tool ? "rigid" : "body", b.name, surface.triangles.size());
     out.surface_triangles += static_cast<int>(surface.triangles.size());

@@ -5,6 +5,7 @@
 #include <chrono>
 #include <limits>
 
+#include "palpate/common/cancellation.h"
 #include "palpate/common/error.h"
 #include "palpate/math/decompositions.h"
 #include "palpate/math/rotation.h"
@@ -178,6 +179,7 @@ double World::settle(const std::vector<int>& moving, Pose device, const SettlePr
   bool settled = false;
   WorldState before;
   for (int n = 0; n < kMaxSteps && !settled; ++n) {
+    throwIfCancelled();
     before = state_;
     for (const int i : moving) state_.bodies[i].clearVelocities();
     StepInput input{h.value(), gravity, link, {device, Vec6::Zero()}, true};
