@@ -140,6 +140,32 @@ TEST(HapticLoop, BadModelsAreIgnoredUntilTheWatchdogActs) {
   EXPECT_EQ(loop.counters()[TickFlag::model_rejected], 599u);
 }
 
+// The process is stopped for 5 s while the hand goes on: the device is 8 mm off when the ticks come back.
+TEST(HapticLoop, BeginsAnewAfterAGap) {
+  HapticSettings settings;
+  HapticLoop loop(settings);
+  loop.start(Pose{}, Pose{}, 0.0);
+  HandleModel model = hangingTool(settings.proxy);
+  model.kx = -200.0 * Mat6::Identity();
+  const DeviceState moved = deviceAt(Pose{Vec3(0.008, 0, 0), Quat::Identity()}, Vec6::Zero());
+  for (int i = 0; i < 100; ++i) loop.tick(DeviceState{}, &model, i * kDt);
+  double largest = 0;
+  Vec6 last = Vec6::Zero();
+  for (int i = 0; i < 1000; ++i) {
+    const double now = 5.0 + i * kDt;
+    model.time = now;
+    const TickRecord record = loop.tick(moved, &model, now);
+    if (i == 0) {
+      EXPECT_EQ(record.sent, Vec6(Vec6::Zero()));
+    }
+    largest = std::max(largest, (record.sent - last).head<3>().norm());
+    last = record.sent;
+  }
+  EXPECT_LT(largest, 0.05);  // [N] in a tick
+  EXPECT_GT(last.norm(), 0.5);
+  EXPECT_EQ(loop.counters()[TickFlag::gap], 1u);
+}
+
 TEST(HapticLoop, TellsForAsLongAsAModelIsOfAnUnsoundStep) {
   HapticLoop loop(HapticSettings{});
   loop.start(Pose{}, Pose{}, 0.0);

@@ -134,6 +134,54 @@ TEST(Safety, RampFadesIn) {
   EXPECT_FALSE(later.flags.has(TickFlag::ramping));
 }
 
+// Ticks did not take place for 5 s, and the wrench is another one: nothing of it at first, then a ramp.
+TEST(Safety, StartsFromZeroAfterAGap) {
+  SafetySettings settings;
+  SafetyChain chain(settings);
+  chain.start(wrench(0, 0, -0.8));
+  SafetyChain::Input in = input(wrench(0, 0, -0.8));
+  in.since_last = settings.gap_limit;  // a few ticks late: no gap
+  EXPECT_EQ(chain.process(in, {}).wrench[2], -0.8);
+  in = input(wrench(2.2, 0, 1.0));
+  in.since_last = 5.0;
+  auto out = chain.process(in, {});
+  EXPECT_EQ(out.wrench, Vec6(Vec6::Zero()));
+  EXPECT_TRUE(out.flags.has(TickFlag::gap));
+  in.since_last = kDt;
+  const int ramp = static_cast<int>(std::lround(settings.gap_ramp / kDt));
+  for (int i = 1; i <= ramp; ++i) {
+    const Vec6 last = out.wrench;
+    out = chain.process(in, {});
+    EXPECT_LE((out.wrench - last).norm(), 0.02) << i;
+    EXPECT_FALSE(out.flags.has(TickFlag::gap));
+  }
+  out = chain.process(in, {});
+  EXPECT_EQ(out.wrench, in.wrench);
+  EXPECT_FALSE(out.flags.has(TickFlag::ramping));
+}
+
+TEST(Safety, ForceLeavesAtTheEnd) {
+  SafetySettings settings;
+  SafetyChain chain(settings);
+  chain.start(wrench(2, 0, 0));
+  chain.comeBack();  // it has not left
+  EXPECT_EQ(chain.process(input(wrench(2, 0, 0)), {}).wrench[0], 2.0);
+  chain.leave();
+  double last = 2.0;
+  int ticks = 0;
+  for (; !chain.gone() && ticks < 1000; ++ticks) {
+    const auto out = chain.process(input(wrench(2, 0, 0)), {});
+    EXPECT_TRUE(out.flags.has(TickFlag::fading));
+    EXPECT_NEAR(last - out.wrench[0], 2.0 * kDt / settings.end_fade, 1e-9);
+    last = out.wrench[0];
+  }
+  EXPECT_EQ(last, 0.0);
+  EXPECT_NEAR(ticks * kDt, settings.end_fade, 1.5 * kDt);
+  chain.comeBack();
+  EXPECT_EQ(chain.process(input(wrench(2, 0, 0)), {}).wrench[0], 0.0);
+  EXPECT_NEAR(chain.process(input(wrench(2, 0, 0)), {}).wrench[0], 2.0 * kDt / settings.gap_ramp, 1e-9);
+}
+
 TEST(Safety, PassivityControllerTakesOutTheSurplus) {
   SafetySettings settings = withoutSlew();
   settings.passivity.enabled = true;

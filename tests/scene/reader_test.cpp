@@ -92,6 +92,8 @@ TEST(SceneReader, ReadsContactLinkDeviceAndSafety) {
   EXPECT_EQ(scene.device.limits.workspace_radius, 0.2);
   EXPECT_EQ(scene.safety.settings.max_slew, 500.0);
   EXPECT_EQ(scene.safety.settings.start_ramp, 0.3);
+  EXPECT_EQ(scene.safety.settings.gap_limit, 0.04);
+  EXPECT_EQ(scene.safety.settings.gap_ramp, 0.7);
   EXPECT_EQ(scene.safety.model_age_limit, 0.2);
   const PassivitySettings& passivity = scene.safety.settings.passivity;
   EXPECT_TRUE(passivity.enabled);
@@ -462,6 +464,8 @@ const BadChange kBadRanges[] = {
     {"workspace_radius: 0.2", "workspace_radius: 0", "device.limits.workspace_radius (", "above 0"},
     {"max_slew: 500", "max_slew: 0", "safety.max_slew (", "above 0"},
     {"start_ramp: 0.3", "start_ramp: -1", "safety.start_ramp (", "at least 0"},
+    {"gap_limit: 0.04", "gap_limit: 0", "safety.gap_limit (", "above 0"},
+    {"gap_ramp: 0.7", "gap_ramp: -1", "safety.gap_ramp (", "at least 0"},
     {"model_age_limit: 0.2", "model_age_limit: 0", "safety.model_age_limit (", "above 0"},
 };
 

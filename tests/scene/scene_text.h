@@ -135,6 +135,8 @@ device:
 safety:
   max_slew: 500
   start_ramp: 0.3
+  gap_limit: 0.04
+  gap_ramp: 0.7
   model_age_limit: 0.2
   passivity: {allowance: 0.02, max_damping: 1.5, max_rotational_damping: 0.004}
 weight_compensation: true

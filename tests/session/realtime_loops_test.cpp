@@ -2,10 +2,12 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <atomic>
 #include <chrono>
 #include <cmath>
 #include <limits>
+#include <stdexcept>
 #include <string>
 #include <thread>
 #include <vector>
@@ -113,6 +115,97 @@ TEST(RealtimeLoops, EndByThemselves) {
   EXPECT_NO_THROW(loops.stop());  // time was up, and nothing else
   EXPECT_GT(loops.time(), 0.0);
   EXPECT_LE(loops.time(), 0.1 + 1e-9);
+}
+
+/// Forces of a run in real time, and what faults made of them.
+struct Watched {
+  std::vector<TickRecord> ticks;
+  RunSink sink() {
+    RunSink out;
+    out.tick = [this](const TickRecord& r) { ticks.push_back(r); };
+    return out;
+  }
+  bool someForce() const { return !ticks.empty() && ticks.back().sent.head<3>().norm() > 0.05; }
+  /// Of the sent force from one tick to the next one, where none was missed [N].
+  double largestChange(double from, double dt) const {
+    double most = 0;
+    for (std::size_t k = 1; k < ticks.size(); ++k) {
+      if (ticks[k].time < from || ticks[k].time - ticks[k - 1].time > 1.5 * dt) continue;
+      most = std::max(most, (ticks[k].sent - ticks[k - 1].sent).head<3>().norm());
+    }
+    return most;
+  }
+};
+
+// Told to end, the force leaves within the safety stage's time; nothing of the run is lost.
+TEST(RealtimeLoops, ForceLeavesWhenToldToEnd) {
+  SceneConfig config = cube();
+  config.duration = 600;
+  BuiltScene scene = buildScene(config);
+  Watched watched;
+  RunSink sink = watched.sink();
+  double told = 0;
+  sink.stopped = [&] {
+    if (told == 0 && watched.ticks.size() > 300 && watched.someForce()) told = watched.ticks.back().time;
+    return told > 0;
+  };
+  const RunOutcome outcome = runRealtime(scene, timingOf(config), sink);
+  ASSERT_GT(told, 0.0);
+  EXPECT_TRUE(outcome.stopped);
+  EXPECT_EQ(outcome.failure, "");
+  EXPECT_EQ(watched.ticks.size(), outcome.ticks);
+  EXPECT_EQ(watched.ticks.back().sent, Vec6(Vec6::Zero()));
+  EXPECT_GT(outcome.counters[TickFlag::fading], 0u);
+  if (outcome.missed == 0) {
+    EXPECT_LT(watched.ticks.back().time, told + scene.haptic.safety.end_fade + 0.1);
+  }
+}
+
+// A step that throws ends the run as a stop does, and is told of.
+TEST(RealtimeLoops, VisualLoopThrows) {
+  SceneConfig config = cube();
+  config.duration = 600;
+  BuiltScene scene = buildScene(config);
+  Watched watched;
+  RunSink sink = watched.sink();
+  int steps = 0;
+  sink.stepped = [&](const World&, const VisualRecord&) {
+    if (++steps == 10) throw std::runtime_error("no more steps");
+  };
+  const RunOutcome outcome = runRealtime(scene, timingOf(config), sink);
+  EXPECT_EQ(outcome.failure, "no more steps");
+  ASSERT_FALSE(watched.ticks.empty());
+  EXPECT_EQ(watched.ticks.back().sent, Vec6(Vec6::Zero()));
+  EXPECT_EQ(watched.ticks.size(), outcome.ticks);
+}
+
+// A step that takes far too long: the watchdog takes the force away, and brings it back without a jump.
+TEST(RealtimeLoops, VisualLoopStalls) {
+  SceneConfig config = cube();
+  config.duration = 2.2;
+  BuiltScene scene = buildScene(config);
+  Watched watched;
+  RunSink sink = watched.sink();
+  double stalled = 0;
+  sink.stepped = [&](const World&, const VisualRecord& r) {
+    if (stalled > 0 || r.time < 0.6) return;
+    stalled = r.time;
+    std::this_thread::sleep_for(std::chrono::milliseconds(1000));
+  };
+  const RunOutcome outcome = runRealtime(scene, timingOf(config), sink);
+  ASSERT_GT(stalled, 0.0);
+  const double late = static_cast<double>(outcome.missed) * config.haptic_step;  // fading counts ticks
+  const double silent = stalled + scene.haptic.safety.model_age_limit + scene.haptic.safety.model_decay + 0.01 + late;
+  if (silent > stalled + 0.9) GTEST_SKIP() << "the machine is too busy: ticks were missed for " << late << " s";
+  int quiet = 0;
+  for (const TickRecord& r : watched.ticks) {
+    if (r.time < silent || r.time > stalled + 0.95) continue;
+    EXPECT_EQ(r.sent, Vec6(Vec6::Zero())) << r.time;
+    ++quiet;
+  }
+  EXPECT_GT(quiet, 0);
+  EXPECT_LE(watched.largestChange(0, config.haptic_step), scene.haptic.safety.max_slew * config.haptic_step * 1.001);
+  EXPECT_GT(outcome.counters[TickFlag::model_stale], 0u);
 }
 
 class Counting : public Executor {

@@ -46,7 +46,7 @@ Vec6 HapticLoop::start(const Pose& device_pose, const Pose& proxy_pose, double n
   account_ = {};
   path_.clear();
   path_.add({0, proxy_pose, Vec6::Zero()});
-  start_time_ = now;
+  start_time_ = last_time_ = now;
   last_device_pose_ = device_pose;
   const DeviceState device{device_pose, Vec6::Zero(), 0};
   const Vec6 raw = couplingWrench(settings_.link, proxy_pose, Vec6::Zero(), device);
@@ -64,9 +64,11 @@ TickRecord HapticLoop::tick(const DeviceState& sample, const HandleModel* newest
   path_.add({path_.end(), proxy_.pose(), proxy_.twist()});
 
   const double since_start = now - start_time_;
-  const auto safe = safety_.process({model ? compensate(record.raw, record.proxy) : record.raw, since_start,
-                                     model ? record.model_age : since_start, settings_.dt, record.device.twist},
-                                    observer_);
+  const auto safe =
+      safety_.process({model ? compensate(record.raw, record.proxy) : record.raw, since_start,
+                       model ? record.model_age : since_start, settings_.dt, record.device.twist, now - last_time_},
+                      observer_);
+  last_time_ = now;
   record.sent = last_sent_ = safe.wrench;
   record.flags |= safe.flags;
   record.delivered_energy = observer_.delivered();
@@ -75,9 +77,9 @@ TickRecord HapticLoop::tick(const DeviceState& sample, const HandleModel* newest
 }
 
 HapticLoopState HapticLoop::state() const noexcept {
-  return {filter_.state(), proxy_.state(),  safety_.state(),     observer_, counters_,    model_,
-          has_model_,      live_[current_], live_[1 - current_], has_live_, has_pending_, account_,
-          path_,           start_time_,     last_device_pose_,   last_sent_};
+  return {filter_.state(), proxy_.state(),  safety_.state(),     observer_,  counters_,    model_,
+          has_model_,      live_[current_], live_[1 - current_], has_live_,  has_pending_, account_,
+          path_,           start_time_,     last_device_pose_,   last_sent_, last_time_};
 }
 
 void HapticLoop::restore(const HapticLoopState& state) noexcept {
@@ -97,6 +99,7 @@ void HapticLoop::restore(const HapticLoopState& state) noexcept {
   start_time_ = state.start_time;
   last_device_pose_ = state.device_pose;
   last_sent_ = state.sent;
+  last_time_ = state.last_time;
 }
 
 void HapticLoop::change(Rendering rendering, double model_age_limit) noexcept {

@@ -64,6 +64,7 @@ struct HapticLoopState {
   double start_time = 0.0;   ///< [s]
   Pose device_pose;          ///< of the last tick
   Vec6 sent = Vec6::Zero();  ///< by the last tick [N; N m]
+  double last_time = 0.0;    ///< of the last tick [s]
 };
 
 /// The haptic loop without its clock: lockstep and real time run the same tick. After construction nothing in it
@@ -83,7 +84,7 @@ class HapticLoop {
   /// One tick.
   /// @param sample  of the device, now; anything that is not a sane number is replaced by the last good sample
   /// @param newest  newest complete handle model, or nullptr before the first. It is copied.
-  /// @param now     [s]
+  /// @param now     [s]; much later than one tick after the last: a gap, after which the force starts from zero
   TickRecord tick(const DeviceState& sample, const HandleModel* newest, double now) noexcept;
 
   /// A live model for the next ticks, to be used once it is replayed to where the path ends. Between two ticks; copied.
@@ -95,6 +96,13 @@ class HapticLoop {
   /// Another way to make the force, from the next tick on; between two ticks. The proxy goes on from where it is.
   /// @param model_age_limit  at which a model is stale [s]
   void change(Rendering rendering, double model_age_limit) noexcept;
+
+  /// Between two ticks: from the next one on the force leaves, within the safety stage's `end_fade`.
+  void leave() noexcept { safety_.leave(); }
+  /// Zero is sent.
+  bool gone() const noexcept { return safety_.gone(); }
+  /// The force starts from zero where it has left.
+  void comeBack() noexcept { safety_.comeBack(); }
 
   /// Between two ticks.
   HapticLoopState state() const noexcept;
@@ -129,7 +137,7 @@ class HapticLoop {
   LiveTick live_tick_;
   SwitchAccount account_;
   HandlePath path_;
-  double start_time_ = 0.0;
+  double start_time_ = 0.0, last_time_ = 0.0;
   Pose last_device_pose_;
   Vec6 last_sent_ = Vec6::Zero();
 };

@@ -90,6 +90,7 @@ std::int64_t PeriodicClock::wait(PeriodicReport& report) noexcept {
   if (late >= period_) {
     const std::int64_t skipped = late / period_;
     report.missed += static_cast<std::uint64_t>(skipped);
+    report.most_missed = std::max(report.most_missed, static_cast<std::uint64_t>(skipped));
     next_ += skipped;
   }
   const Clock::time_point deadline = start_ + next_ * period_;

@@ -52,7 +52,8 @@ struct PeriodicReport {
   DurationHistogram wake_latency;  ///< deadline to wake-up
   DurationHistogram work;          ///< time that the work took
   std::uint64_t ticks = 0;
-  std::uint64_t missed = 0;  ///< deadlines that went by while a tick was late; their ticks did not take place
+  std::uint64_t missed = 0;       ///< deadlines that went by while a tick was late; their ticks did not take place
+  std::uint64_t most_missed = 0;  ///< in a row
 };
 
 /// Deadlines start + k * period on the monotonic clock, multiplied and never accumulated. A tick that is late by whole

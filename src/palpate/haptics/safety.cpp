@@ -30,6 +30,9 @@ SafetyChain::SafetyChain(const SafetySettings& settings) : settings_(settings) {
   requireNotNegative(settings.start_ramp, "start_ramp");
   requireNotNegative(settings.model_age_limit, "model_age_limit");
   requireNotNegative(settings.model_decay, "model_decay");
+  requireNotNegative(settings.gap_limit, "gap_limit");
+  requireNotNegative(settings.gap_ramp, "gap_ramp");
+  requireNotNegative(settings.end_fade, "end_fade");
   requireNotNegative(settings.passivity.allowance, "passivity.allowance");
   requireNotNegative(settings.passivity.max_damping, "passivity.max_damping");
   requireNotNegative(settings.passivity.max_rotational_damping, "passivity.max_rotational_damping");
@@ -40,7 +43,8 @@ SafetyChain::SafetyChain(const SafetySettings& settings) : settings_(settings) {
 Vec6 SafetyChain::start(const Vec6& wrench) noexcept {
   TickFlags flags;
   state_.previous = wrench.allFinite() ? clamp(wrench, flags) : Vec6(Vec6::Zero());
-  state_.watchdog_gain = 1.0;
+  state_.watchdog_gain = state_.gap_gain = state_.end_gain = 1.0;
+  state_.ending = false;
   return settings_.start_ramp > 0.0 ? Vec6(Vec6::Zero()) : state_.previous;
 }
 
@@ -59,11 +63,41 @@ SafetyChain::Output SafetyChain::process(const Input& input, const PassivityObse
   out.wrench = clamp(out.wrench, out.flags);
   out.wrench = limitSlew(out.wrench, input.dt, out.flags);
   state_.previous = out.wrench;
-  if (input.since_start < settings_.start_ramp) {
-    out.wrench *= std::max(0.0, input.since_start / settings_.start_ramp);
-    out.flags.set(TickFlag::ramping);
-  }
+  const double ramp = rampGain(input, out.flags);
+  if (ramp < 1.0) out.wrench *= ramp;
+  const double end = endGain(input.dt, out.flags);
+  if (end < 1.0) out.wrench *= end;
   return out;
+}
+
+void SafetyChain::comeBack() noexcept {
+  if (!state_.ending) return;
+  state_.ending = false;
+  state_.end_gain = 1.0;
+  state_.gap_gain = 0.0;
+}
+
+// Whatever happened meanwhile, the device may be anywhere and the force with it.
+double SafetyChain::rampGain(const Input& input, TickFlags& flags) noexcept {
+  double gain = state_.gap_gain;
+  state_.gap_gain = settings_.gap_ramp > input.dt ? std::min(1.0, gain + input.dt / settings_.gap_ramp) : 1.0;
+  if (!(input.since_last <= settings_.gap_limit)) {
+    gain = state_.gap_gain = 0.0;
+    flags.set(TickFlag::gap);
+  }
+  if (input.since_start < settings_.start_ramp) {
+    gain = std::min(gain, std::max(0.0, input.since_start / settings_.start_ramp));
+  }
+  if (gain < 1.0) flags.set(TickFlag::ramping);
+  return gain;
+}
+
+double SafetyChain::endGain(double dt, TickFlags& flags) noexcept {
+  if (!state_.ending) return 1.0;
+  flags.set(TickFlag::fading);
+  state_.end_gain = settings_.end_fade > dt ? std::max(0.0, state_.end_gain - dt / settings_.end_fade) : 0.0;
+  if (state_.end_gain < 1e-9) state_.end_gain = 0.0;  // what rounding leaves
+  return state_.end_gain;
 }
 
 double SafetyChain::updateWatchdog(double model_age, double dt, TickFlags& flags) noexcept {

@@ -20,11 +20,13 @@ enum class TickFlag : std::uint32_t {
   force_clamped,           ///< to the device's peak force
   torque_clamped,          ///< to the device's peak torque
   slew_limited,            ///< wrench changes more slowly than asked for
-  ramping,                 ///< start ramp
+  ramping,                 ///< force fades in after the start or after a gap
   passivity_damped,        ///< passivity controller took energy out
   model_catching_up,       ///< a newer live model is still being replayed along the path
   model_damped,            ///< a new live model brought more energy than is paid for: its modes were slowed down
   model_unsound,           ///< the visual step of the model in use failed, was cut, or its contact was not solved
+  gap,                     ///< first tick after a gap in time: the force starts from zero
+  fading,                  ///< the force leaves, as the run ends
   count
 };
 
@@ -48,7 +50,9 @@ constexpr const char* toString(TickFlag flag) {
                                                           "passivity_damped",
                                                           "model_catching_up",
                                                           "model_damped",
-                                                          "model_unsound"};
+                                                          "model_unsound",
+                                                          "gap",
+                                                          "fading"};
   return names[static_cast<std::size_t>(flag)];
 }
 

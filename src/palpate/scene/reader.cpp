@@ -80,6 +80,8 @@ void readPassivity(const Value& value, PassivitySettings& passivity) {
 void readSafety(const Value& value, SafetyConfig& safety) {
   value.fields({numberField("max_slew", safety.settings.max_slew, Range::positive(1e7, "N/s")),
                 numberField("start_ramp", safety.settings.start_ramp, Range::within(0.0, 10.0, "s")),
+                numberField("gap_limit", safety.settings.gap_limit, Range::positive(10.0, "s")),
+                numberField("gap_ramp", safety.settings.gap_ramp, Range::within(0.0, 10.0, "s")),
                 numberField("model_age_limit", safety.model_age_limit, Range::positive(10.0, "s")),
                 {"passivity", [&](const Value& item) { readPassivity(item, safety.settings.passivity); }}});
 }

@@ -26,6 +26,8 @@ LockstepRun::LockstepRun(BuiltScene& scene, const RunTiming& timing, const RunSi
 
 void LockstepRun::runUntil(std::int64_t end) {
   for (; tick_ < end; ++tick_) {
+    stopped_ = sink_.stopped();
+    if (stopped_) return;
     const double t = static_cast<double>(tick_) * timing_.haptic_step;
     const DeviceState device = scene_.device->sample(t);
     if (tick_ % ticks_per_step_ == 0) visualStepAt(t, device);
@@ -92,6 +94,8 @@ RunOutcome LockstepRun::outcome() const {
   out.delivered_energy = loop_.passivity().delivered();
   out.switches = loop_.switches();
   out.ticks = static_cast<std::uint64_t>(tick_);
+  out.end_time = static_cast<double>(tick_) * timing_.haptic_step;
+  out.stopped = stopped_;
   out.tick_us = {work_.percentile(0.5), work_.percentile(0.99), work_.max()};
   return out;
 }

@@ -43,7 +43,7 @@ class LockstepRun {
   /// @param scene, sink  must outlive this
   /// @throws RunError if the first visual step fails
   LockstepRun(BuiltScene& scene, const RunTiming& timing, const RunSink& sink);
-  /// Runs all ticks up to `end`, without it.
+  /// Runs all ticks up to `end`, without it, or until the sink says that it is to stop.
   void runUntil(std::int64_t end);
   /// How many ticks the run's duration has.
   std::int64_t ticks() const { return ticks_; }
@@ -62,6 +62,7 @@ class LockstepRun {
   RunTiming timing_;
   const RunSink& sink_;
   std::int64_t ticks_, ticks_per_step_;
+  bool stopped_ = false;
   HapticLoop loop_;
   DeviceFilter filter_;
   std::int64_t tick_ = 0;

@@ -57,12 +57,12 @@ void RealtimeLoops::sendLive() {
 
 RealtimeLoops::~RealtimeLoops() {
   try {
-    stop();
+    stop(Ending::leaves);
   } catch (...) {  // nobody is left to hear of it
   }
 }
 
-TickRecord RealtimeLoops::tickAt(std::int64_t k, const DeviceState& device, const HandleModel* model) {
+TickRecord RealtimeLoops::tickAt(std::int64_t k, const DeviceState& device, const HandleModel* model, bool recorded) {
   const double t = static_cast<double>(k) * timing_.haptic_step;
   if (live()) {
     if (const LiveUpdate* update = lives_.read()) loop_.offer(*update);
@@ -70,7 +70,7 @@ TickRecord RealtimeLoops::tickAt(std::int64_t k, const DeviceState& device, cons
   const TickRecord record = loop_.tick(device, model, t);
   scene_.device->apply(record.sent, t, timing_.haptic_step);
   points_.push(loop_.path()[loop_.path().end() - 1]);
-  ticks_.push(record);
+  if (recorded) ticks_.push(record);
   return record;
 }
 
@@ -97,18 +97,34 @@ void RealtimeLoops::runHaptic(double speed, std::int64_t last) {
   PeriodicClock clock(timing_.haptic_step / speed);
   clock.start(start_);
   const std::int64_t first = tick_;
-  while (!stop_.load(std::memory_order_relaxed)) {
-    const std::int64_t k = first + clock.wait(haptic_report_);
-    if (k >= last) break;
+  while (stop_.load(std::memory_order_relaxed) != Stop::now) {
+    const std::int64_t k = nextTick(clock, first, last);
+    if (k >= last || stop_.load(std::memory_order_relaxed) == Stop::leave) {
+      leaving_.store(true, std::memory_order_relaxed);
+      loop_.leave();
+    }
+    if (loop_.gone()) break;
     const auto begin = std::chrono::steady_clock::now();
     const DeviceState device = scene_.device->sample(static_cast<double>(k) * timing_.haptic_step);
     samples_.write(device);
-    tickAt(k, device, models_.read());
+    tickAt(k, device, models_.read(), k < last);
+    if (k >= last) continue;  // the run is over, the force not gone yet
     tick_ = k + 1;
     haptic_report_.work.add(std::chrono::nanoseconds(std::chrono::steady_clock::now() - begin).count());
     if (++haptic_report_.ticks % kReportEvery == 0) reports_.write(haptic_report_);
   }
   haptic_done_.store(true, std::memory_order_release);
+}
+
+// Sleeps until the next tick. Those beyond the end are no part of the run: none of them is missed.
+std::int64_t RealtimeLoops::nextTick(PeriodicClock& clock, std::int64_t first, std::int64_t last) {
+  const std::uint64_t missed = haptic_report_.missed;
+  const std::int64_t k = first + clock.wait(haptic_report_);
+  if (k >= last) {
+    const auto skipped = static_cast<std::int64_t>(haptic_report_.missed - missed);
+    haptic_report_.missed = missed + static_cast<std::uint64_t>(std::max<std::int64_t>(0, last - (k - skipped)));
+  }
+  return k;
 }
 
 // A haptic thread of ordinary priority that finds threads at work on every core misses twice as many ticks.
@@ -122,8 +138,12 @@ void RealtimeLoops::runVisual(double speed, double origin, Executor* executor) {
   scene_.world.budget.seconds = kShare * timing_.visual_step / speed;
   PeriodicClock clock(timing_.visual_step / speed);
   clock.start(start_);
-  while (!stop_.load(std::memory_order_relaxed) && !haptic_done_.load(std::memory_order_acquire)) {
+  const auto goesOn = [this] {
+    return stop_.load(std::memory_order_relaxed) == Stop::none && !leaving_.load(std::memory_order_relaxed);
+  };
+  while (goesOn()) {
     const std::int64_t k = clock.wait(visual_report_);
+    if (!goesOn()) break;
     const DeviceState* device = samples_.read();
     if (device == nullptr) continue;
     const ExecutorScope scope(leavesRoom(executor) ? executor : nullptr);
@@ -137,7 +157,9 @@ void RealtimeLoops::runVisual(double speed, double origin, Executor* executor) {
 void RealtimeLoops::start(double speed, double until) {
   if (started()) return;
   const auto last = static_cast<std::int64_t>(std::llround(std::min(until / timing_.haptic_step, 9e15)));
-  stop_.store(false);
+  stop_.store(Stop::none);
+  leaving_.store(false);
+  loop_.comeBack();
   asked_.store(false);
   haptic_done_.store(false);
   visual_done_.store(false);
@@ -148,15 +170,22 @@ void RealtimeLoops::start(double speed, double until) {
       runVisual(speed, origin, executor);
     } catch (...) {  // the haptic loop must end too
       failure_ = std::current_exception();
-      stop_.store(true);
+      ask(Stop::leave);
       visual_done_.store(true, std::memory_order_release);
     }
   });
   haptic_ = std::thread([this, speed, last] { runHaptic(speed, last); });
 }
 
-void RealtimeLoops::stop() {
-  stop_.store(true);
+// None takes back a stronger one.
+void RealtimeLoops::ask(Stop stop) noexcept {
+  Stop now = stop_.load();
+  while (now < stop && !stop_.compare_exchange_weak(now, stop)) {
+  }
+}
+
+void RealtimeLoops::stop(Ending ending) {
+  ask(ending == Ending::leaves ? Stop::leave : Stop::now);
   if (haptic_.joinable()) haptic_.join();
   if (visual_.joinable()) visual_.join();
   if (failure_) std::rethrow_exception(std::exchange(failure_, nullptr));
@@ -168,6 +197,7 @@ bool RealtimeLoops::ended() const {
 
 void RealtimeLoops::stepOnce() {
   if (started() && !ended()) return;
+  loop_.comeBack();
   const auto ticks = static_cast<std::int64_t>(std::llround(timing_.visual_step / timing_.haptic_step));
   for (std::int64_t i = 0; i < ticks; ++i, ++tick_) {
     const DeviceState device = scene_.device->sample(time());
@@ -200,7 +230,9 @@ RunOutcome RealtimeLoops::outcome() const {
   out.delivered_energy = loop_.passivity().delivered();
   out.switches = loop_.switches();
   out.ticks = haptic_report_.ticks;
+  out.end_time = time();
   out.missed = haptic_report_.missed;
+  out.most_missed = haptic_report_.most_missed;
   out.dropped_rows = dropped();
   out.tick_us = spread(haptic_report_.work);
   out.wake_us = spread(haptic_report_.wake_latency);

@@ -40,6 +40,7 @@
 //   | owner's thread: start(), stop(), pop(), report(); while both threads are joined also stepOnce(), change()|
 //   +---------------------------------------------------------------------------------------------------------+
 //                   |  stop_ (atomic), to both;  haptic_done_, visual_done_ (atomic), back
+//                   |  leaving_ (atomic): haptic to visual, when time is up
 
 namespace palpate {
 
@@ -65,10 +66,17 @@ class RealtimeLoops {
   /// @param speed  of simulated time against the clock, 1 in real time; periods are divided by it
   /// @param until  simulated time at which the loops end by themselves [s]
   void start(double speed, double until);
+  /// What becomes of the force when the loops end.
+  enum class Ending {
+    kept,    ///< what the last tick sent, for a short stop that the run goes on after
+    leaves,  ///< ticks go on until the safety stage has faded it out
+  };
+  /// Asks both loops to end, the force leaving first; ended() says when they have.
+  void askToEnd() noexcept { ask(Stop::leave); }
   /// Ends both loops, the haptic one after its tick, the visual one after its step. @throws what a visual step threw
-  void stop();
+  void stop(Ending ending = Ending::kept);
   bool started() const { return haptic_.joinable(); }
-  /// Both loops have ended by themselves: time is up, or a step threw, which stop() tells.
+  /// Both loops have ended by themselves: time is up, or a step threw, which stop() tells. The force has left.
   bool ended() const;
 
   /// While stopped: one visual step and its ticks, in virtual time.
@@ -97,10 +105,13 @@ class RealtimeLoops {
   RunOutcome outcome() const;
 
  private:
+  enum class Stop : int { none, leave, now };
+  void ask(Stop stop) noexcept;
   void runHaptic(double speed, std::int64_t last);
+  std::int64_t nextTick(PeriodicClock& clock, std::int64_t first, std::int64_t last);
   void runVisual(double speed, double origin, Executor* executor);
   bool leavesRoom(const Executor* executor) const;
-  TickRecord tickAt(std::int64_t k, const DeviceState& device, const HandleModel* model);
+  TickRecord tickAt(std::int64_t k, const DeviceState& device, const HandleModel* model, bool recorded = true);
   void stepAt(double now, double lateness, const DeviceState& device);
   bool live() const { return loop_.settings().rendering == Rendering::live; }
   void beginLive();
@@ -128,7 +139,8 @@ class RealtimeLoops {
   RecordQueue<TickRecord> ticks_;
   RecordQueue<VisualRecord> visuals_;
   std::int64_t tick_ = 0;  // next one
-  std::atomic<bool> stop_{false};
+  std::atomic<Stop> stop_{Stop::none};
+  std::atomic<bool> leaving_{false};
   std::atomic<bool> asked_{false};
   std::atomic<bool> haptic_done_{true}, visual_done_{true};
   std::atomic<int> substeps_{1};
@@ -137,7 +149,9 @@ class RealtimeLoops {
   std::thread haptic_, visual_;
 };
 
-/// Runs a scene in real time, one thread a loop, and the caller's thread for the sink. Stops after the duration.
+/// Runs a scene in real time, one thread a loop, and the caller's thread for the sink. Ends after the duration, or when
+/// the sink says so or a visual step throws, which the outcome tells; in the end the force leaves.
+/// @throws RunError if the first visual step fails
 RunOutcome runRealtime(BuiltScene& scene, const RunTiming& timing, const RunSink& sink);
 
 }  // namespace palpate

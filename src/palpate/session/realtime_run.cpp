@@ -1,4 +1,6 @@
 #include <chrono>
+#include <exception>
+#include <string>
 #include <thread>
 
 #include "palpate/session/realtime_loops.h"
@@ -10,6 +12,7 @@ RunOutcome runRealtime(BuiltScene& scene, const RunTiming& timing, const RunSink
   loops.start(1.0, timing.duration);
   TickRecord tick;
   VisualRecord step;
+  bool stopped = false;
   for (bool last = false;;) {
     while (loops.pop(step)) sink.visual(step);
     while (loops.pop(tick)) {
@@ -17,12 +20,24 @@ RunOutcome runRealtime(BuiltScene& scene, const RunTiming& timing, const RunSink
       sink.progress(tick.time / timing.duration);
     }
     if (last) break;
+    if (!stopped && sink.stopped()) {
+      stopped = true;
+      loops.askToEnd();
+    }
     last = loops.ended();
     if (!last) std::this_thread::sleep_for(std::chrono::milliseconds(20));
   }
-  loops.stop();
+  std::string failure;
+  try {
+    loops.stop();
+  } catch (const std::exception& e) {  // of a visual step: what there is can be written all the same
+    failure = e.what();
+  }
   sink.progress(1.0);
-  return loops.outcome();
+  RunOutcome out = loops.outcome();
+  out.stopped = stopped;
+  out.failure = failure;
+  return out;
 }
 
 }  // namespace palpate

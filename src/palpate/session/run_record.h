@@ -16,6 +16,8 @@ struct RunSink {
   /// After each visual step, on the thread that steps the world, which is the only one to see it.
   std::function<void(const World&, const VisualRecord&)> stepped = [](const World&, const VisualRecord&) {};
   std::function<void(double share)> progress = [](double) {};
+  /// Asked all the time: the run is to end now. In real time the force leaves first.
+  std::function<bool()> stopped = [] { return false; };
 };
 
 /// What a run as a whole says, besides its rows.
@@ -24,7 +26,12 @@ struct RunOutcome {
   double delivered_energy = 0;  ///< net energy given to the hand [J]
   SwitchAccount switches;       ///< of method `live`
   std::uint64_t ticks = 0;
+  double end_time = 0;             ///< of the tick that would have come next [s]
+  bool stopped = false;            ///< it was told to end before its time
+  std::string ended_by;            ///< by whom: "SIGINT", "viewer" ...; empty: by itself, or by a failure
+  std::string failure;             ///< what made it end before its time, for people; empty: nothing
   std::uint64_t missed = 0;        ///< haptic deadlines missed; 0 in lockstep
+  std::uint64_t most_missed = 0;   ///< in a row
   std::uint64_t dropped_rows = 0;  ///< rows that the recording could not take in time
   std::vector<double> tick_us;     ///< p50, p99, max of the tick's work
   std::vector<double> wake_us;     ///< p50, p99, max of the wake-up latency; real time only
