@@ -1,10 +1,17 @@
 #include <fmt/format.h>
+#include <unistd.h>
 
+#include <csignal>
+#include <cstdio>
+#include <cstdlib>
 #include <memory>
+#include <optional>
 #include <string>
 
 #include "commands.h"
+#include "palpate/common/cancellation.h"
 #include "palpate/common/error.h"
+#include "palpate/common/interruption.h"
 #include "palpate/devices/recorded_device.h"
 #include "palpate/interactive/recorder.h"
 #include "palpate/results/run_files.h"
@@ -51,8 +58,42 @@ Comparison compareAlong(const SceneConfig& scene_config, const std::string& meth
     out.time.push_back(r.time);
     out.raw.push_back(r.raw);
   };
+  sink.stopped = [] { return interruptionAsked().load(); };
   runLockstep(scene, timingOf(config), sink);
   return out;
+}
+
+// The scene for another method along the same motion may take long to build, and nobody waits for it after Ctrl+C.
+std::optional<Comparison> compared(const SceneConfig& config, const std::string& method,
+                                   const MotionRecording& motion) {
+  const CancellationScope cancel(&interruptionAsked());
+  try {
+    Comparison out = compareAlong(config, method, motion);
+    if (!interruptionAsked()) return out;
+  } catch (const Cancelled&) {
+  }
+  fmt::print(stderr, "note: the comparison with {} was not finished and is left out\n", method);
+  return std::nullopt;
+}
+
+std::string signalName(int signal) { return signal == SIGINT ? "SIGINT" : signal == SIGTERM ? "SIGTERM" : "SIGHUP"; }
+
+// Where nothing is wrong the run was complete.
+void tellHowItEnded(const RunOutcome& outcome, const RunFiles& files, const std::string& out) {
+  const std::string failure = outcome.failure.empty() ? files.failure() : outcome.failure;
+  const std::string kept = fmt::format("what there is, up to {:.3f} s, is in {}", outcome.end_time, out);
+  if (!failure.empty()) throw RunError(fmt::format("{}; {}", failure, kept));
+  if (interruptionAsked()) throw Interrupted("interrupted: " + kept, interruptionSignal());
+}
+
+RunOutcome runScene(const RunOptions& options, const SceneConfig& config, BuiltScene& scene, RunSink& sink) {
+  Progress progress(
+      fmt::format("{}: {} s {}", config.name, config.duration, options.realtime ? "in real time" : "in lockstep"));
+  sink.progress = [&](double share) { progress(share); };
+  RunOutcome outcome =
+      options.realtime ? runRealtime(scene, timingOf(config), sink) : runLockstep(scene, timingOf(config), sink);
+  if (outcome.stopped && interruptionAsked()) outcome.ended_by = signalName(interruptionSignal());
+  return outcome;
 }
 
 void run(const RunOptions& options) {
@@ -63,7 +104,9 @@ void run(const RunOptions& options) {
   if (!options.compare.empty()) methodFor("--compare", options.compare, config);
   BuiltScene scene = buildScene(config);
   for (const std::string& note : scene.notes) fmt::print(stderr, "note: {}\n", note);
-  RunFiles files(options.out.empty() ? "out/" + config.name : options.out, config);
+  const std::string out = options.out.empty() ? "out/" + config.name : options.out;
+  const InterruptionAsks asks;  // from here on there is something to be kept
+  RunFiles files(out, config);
   RunSink sink = files.sink();
   MotionRecording motion;
   motion.has_twist = true;
@@ -77,22 +120,19 @@ void run(const RunOptions& options) {
   if (!options.realtime) sink = snapshots.watch(sink);
   Recorder recorder(files.stage("recording.palpate"), config, scene);
   sink = recorder.watch(sink);
-  RunOutcome outcome;
-  {
-    Progress progress(
-        fmt::format("{}: {} s {}", config.name, config.duration, options.realtime ? "in real time" : "in lockstep"));
-    sink.progress = [&](double share) { progress(share); };
-    outcome =
-        options.realtime ? runRealtime(scene, timingOf(config), sink) : runLockstep(scene, timingOf(config), sink);
-  }
+  sink.stopped = [&] { return interruptionAsked() || !files.failure().empty() || recorder.failed(); };
+  RunOutcome outcome = runScene(options, config, scene, sink);
   recorder.finish();
-  Comparison comparison;
-  if (!options.compare.empty()) comparison = compareAlong(config, options.compare, motion);
-  files.finish(scene, outcome, options.compare.empty() ? nullptr : &comparison, snapshots.draw());
-  const std::string out = options.out.empty() ? "out/" + config.name : options.out;
+  if (outcome.failure.empty()) outcome.failure = files.failure().empty() ? recorder.failure() : files.failure();
+  std::optional<Comparison> comparison;
+  if (!options.compare.empty() && !outcome.stopped) comparison = compared(config, options.compare, motion);
+  files.finish(scene, outcome, comparison ? &*comparison : nullptr, snapshots.draw());
+  const bool color = isatty(STDOUT_FILENO) != 0 && std::getenv("NO_COLOR") == nullptr;
   fmt::print("{}, method {}, held by {}\n{}report: {}/report.html\n", config.name, toString(config.method),
-             config.tool.handle, files.table(), out);
+             config.tool.handle, files.table(color), out);
   if (!outcome.realtime_note.empty()) fmt::print("real-time priority: {}\n", outcome.realtime_note);
+  std::fflush(stdout);
+  tellHowItEnded(outcome, files, out);
 }
 
 }  // namespace

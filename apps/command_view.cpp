@@ -121,6 +121,7 @@ void view(const ViewOptions& options) {
   announce(server);
   server.run();
   run.stop();
+  if (!run.failure().empty()) throw RunError(run.failure());
 }
 
 }  // namespace

@@ -2,6 +2,7 @@
 
 #include <CLI/CLI.hpp>
 #include <stdexcept>
+#include <string>
 
 namespace palpate {
 
@@ -14,6 +15,16 @@ class ChecksFailed : public std::runtime_error {
 /// Of an option: a name must have letters.
 inline const CLI::Validator kNotEmpty([](const std::string& text) { return text.empty() ? "must not be empty" : ""; },
                                       "");
+
+/// A signal ended the job before its time, and what there is was written. Exit code 128 + signal.
+class Interrupted : public std::runtime_error {
+ public:
+  Interrupted(const std::string& what, int signal) : std::runtime_error(what), signal_(signal) {}
+  int signal() const { return signal_; }
+
+ private:
+  int signal_;
+};
 
 // Each adds one subcommand to the program. Its callback does the job; it throws InputError (exit code 2) for bad input
 // and RunError (exit code 1) for a failed run.

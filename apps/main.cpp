@@ -8,6 +8,7 @@
 #include "commands.h"
 #include "palpate/common/error.h"
 #include "palpate/common/interruption.h"
+#include "palpate/common/standard_descriptors.h"
 #include "palpate/threads/thread_team.h"
 
 namespace {
@@ -15,6 +16,7 @@ namespace {
 constexpr int kBadInput = 2;
 constexpr int kFailedRun = 1;
 constexpr int kFailedChecks = 3;
+constexpr int kSignal = 128;  // and its number, as a shell says it
 
 // One line whatever the cause: libraries put line ends into their messages.
 int fail(const std::string& message, int code) {
@@ -29,6 +31,7 @@ int fail(const std::string& message, int code) {
 }  // namespace
 
 int main(int argc, char** argv) {
+  if (!palpate::openStandardDescriptors()) return kFailedRun;
   palpate::endCleanlyOnSignals();
   CLI::App app("Palpate: feel soft things with soft tools. One subcommand a job; each has --help.");
   app.fallthrough();  // options of the program may stand behind the subcommand
@@ -69,6 +72,8 @@ int main(int argc, char** argv) {
     return fail(e.what(), kBadInput);
   } catch (const palpate::InputError& e) {
     return fail(e.what(), kBadInput);
+  } catch (const palpate::Interrupted& e) {
+    return fail(e.what(), kSignal + e.signal());
   } catch (const palpate::ChecksFailed& e) {
     return fail(e.what(), kFailedChecks);
   } catch (const std::bad_alloc&) {

@@ -6,7 +6,8 @@
 
 namespace palpate {
 
-void announce(const Server& server) {
+void announce(Server& server) {
+  server.stopOnSignals();
   fmt::print("open {} in a browser; Ctrl+C ends it\n", server.url());
   std::fflush(stdout);
 }

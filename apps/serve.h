@@ -28,12 +28,12 @@ struct ServeOptions {
     out.port = static_cast<unsigned short>(port);
     out.token = token;
     out.version = PALPATE_VERSION;
-    out.stop_on_signals = true;
     return out;
   }
 };
 
-/// Says on standard output where the page is.
-void announce(const Server& server);
+/// Says on standard output where the page is. From now on Ctrl+C ends the server and not the program, but for a second
+/// one.
+void announce(Server& server);
 
 }  // namespace palpate

@@ -405,24 +405,6 @@ def interrupted(context, arguments, ready, signals=(signal.SIGINT,)):
 
 
 @case
-def interrupted_run_leaves_nothing(context):
-    """Ctrl-C, and a request to end, while a scene runs: no folder, no partial file."""
-    arguments = run_scene(context, SCENE) + ["--duration", "600"]
-    interrupted(context, arguments, lambda: context.out.exists() and any(context.out.iterdir()),
-                (signal.SIGINT, signal.SIGTERM, signal.SIGHUP))
-
-
-@case
-def interrupted_run_keeps_earlier_results(context):
-    """Ctrl-C during a second run into a folder leaves the first one's files as they were."""
-    context.succeeds(run_scene(context, SCENE))
-    before = {p.name: p.read_bytes() for p in context.out.iterdir()}
-    arguments = run_scene(context, SCENE) + ["--duration", "600"]
-    interrupted(context, arguments, lambda: len(list(context.out.iterdir())) > len(before))
-    expect({p.name: p.read_bytes() for p in context.out.iterdir()} == before, "the earlier files changed")
-
-
-@case
 def interrupted_study_leaves_nothing(context):
     """Ctrl-C during evaluate, and the building of a scene."""
     scene = context.file("scene.yaml", SCENE)

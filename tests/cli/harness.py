@@ -92,7 +92,10 @@ class Context:
         return path
 
     def start(self, arguments, **options):
+        first = options.pop("preexec_fn", lambda: None)
+
         def limit():
+            first()
             resource.setrlimit(resource.RLIMIT_AS, (MEMORY_LIMIT, MEMORY_LIMIT))
 
         return subprocess.Popen([str(self.program)] + [str(a) for a in arguments], stdin=subprocess.DEVNULL,

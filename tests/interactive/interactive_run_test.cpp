@@ -186,6 +186,27 @@ TEST_F(InteractiveRunTest, ChangesWhatItIsAskedTo) {
   EXPECT_TRUE(listener_.wait([step](Listener& l) { return l.step_ > step + 2; }));
 }
 
+// Of many equal wishes for a new scene the last one counts, and the end waits for none of them.
+TEST_F(InteractiveRunTest, AFloodOfResets) {
+  InteractiveRun run(softCube(), options_, listener_);
+  run.start();
+  for (int i = 0; i < 400; ++i) run.message(1, R"({"type":"reset"})");
+  run.message(2, R"({"type":"set","friction":4})");
+  EXPECT_TRUE(listener_.wait([](Listener& l) { return l.state_["friction"] == 4.0; }));
+  EXPECT_LT(listener_.now(&Listener::greetings), 100);
+  for (int i = 0; i < 200; ++i) {
+    run.message(1, R"({"type":"reset"})");
+    run.message(1, R"({"type":"scene","name":"cube"})");
+    run.message(1, R"({"type":"set","handle":"side"})");
+    run.message(1, R"({"type":"set","handle":"top"})");
+  }
+  EXPECT_TRUE(listener_.wait([](Listener& l) { return !l.notices_.empty(); }));  // too many
+  const auto begin = std::chrono::steady_clock::now();
+  run.stop();
+  EXPECT_LT(std::chrono::steady_clock::now() - begin, std::chrono::seconds(5));
+  EXPECT_EQ(run.failure(), "");
+}
+
 TEST_F(InteractiveRunTest, RecordsARunThatCanBeShownAgain) {
   InteractiveRun run(softCube(), options_, listener_);
   run.start();

@@ -1,6 +1,8 @@
 #include "palpate/record/csv_writer.h"
 
 #include <gtest/gtest.h>
+#include <signal.h>
+#include <sys/resource.h>
 #include <unistd.h>
 
 #include <bit>
@@ -89,6 +91,31 @@ TEST_F(CsvFiles, AFullDiskIsARunError) {
         csv.close();
       },
       RunError);
+}
+
+// A disk that fills up: the file ends with a whole row, and what was left out follows when there is room again.
+TEST_F(CsvFiles, AFullDiskKeepsWholeRows) {
+  const auto before = ::signal(SIGXFSZ, SIG_IGN);
+  rlimit limit{};
+  getrlimit(RLIMIT_FSIZE, &limit);
+  const rlimit small{1001, limit.rlim_max};
+  CsvWriter csv(file_, {"a", "b"});
+  const auto write = [&](int from, int to) {
+    for (int i = from; i < to; ++i) csv.cell(i).cell("x").endRow();
+  };
+  setrlimit(RLIMIT_FSIZE, &small);
+  write(1000, 1200);
+  EXPECT_THROW(csv.flush(), RunError);
+  const std::string kept = content();
+  setrlimit(RLIMIT_FSIZE, &limit);
+  ::signal(SIGXFSZ, before);
+  EXPECT_EQ(kept.size(), 998u);  // "a,b" and 142 rows of 7 characters
+  EXPECT_EQ(kept.substr(kept.size() - 7), "1141,x\n");
+  write(1200, 1300);
+  csv.close();
+  const std::string all = content();
+  EXPECT_EQ(all.size(), 4u + 300u * 7u);
+  EXPECT_EQ(all.substr(all.size() - 7), "1299,x\n");
 }
 
 }  // namespace

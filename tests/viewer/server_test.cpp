@@ -553,6 +553,26 @@ TEST(Server, StopsOnSignals) {
   }
 }
 
+TEST(Server, TakesTheFirstSignalOnly) {
+  static std::atomic<int> caught{0};
+  const auto before = std::signal(SIGTERM, [](int) { ++caught; });
+  {
+    ServerOptions options;
+    options.stop_on_signals = true;
+    RunningServer running(options);
+    SocketClient viewer(running.server.port());
+    ASSERT_TRUE(running.waitForViewers(1));
+    std::raise(SIGTERM);
+    EXPECT_EQ(viewer.readClose().closeCode(), 1001);
+    EXPECT_EQ(caught, 0);
+    std::raise(SIGTERM);
+    EXPECT_EQ(caught, 1);
+  }
+  std::raise(SIGTERM);
+  EXPECT_EQ(caught, 2);
+  std::signal(SIGTERM, before);
+}
+
 TEST(Server, LeavesSignalsAloneUnlessAsked) {
   static std::atomic<int> caught{0};
   const auto before = std::signal(SIGTERM, [](int) { ++caught; });

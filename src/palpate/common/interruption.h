@@ -18,6 +18,10 @@ namespace interruption {
 // meanwhile, and reads what is there.
 inline std::atomic<bool> locked = false;
 inline thread_local int depth = 0;
+// While somebody wants to be asked: the first signal is kept here, and only the next one ends the program.
+inline std::atomic<int> listeners = 0;
+inline std::atomic<int> asked_by = 0;
+inline std::atomic<bool> asked = false;
 
 // Never destroyed: a signal may come while the program ends.
 inline std::vector<std::string>& provisional() {
@@ -26,6 +30,11 @@ inline std::vector<std::string>& provisional() {
 }
 
 inline void handle(int signal) {
+  int nobody = 0;
+  if (listeners.load() > 0 && asked_by.compare_exchange_strong(nobody, signal)) {
+    asked.store(true);
+    return;
+  }
   while (locked.exchange(true, std::memory_order_acquire)) {
   }
   const std::vector<std::string>& paths = provisional();
@@ -74,6 +83,21 @@ inline void unmarkProvisional(const std::filesystem::path& path) {
   const auto at = std::find(paths.begin(), paths.end(), path.string());
   if (at != paths.end()) paths.erase(at);
 }
+
+/// While it lives, the first of the signals below only asks: interruptionAsked() says so, and whoever looks after the
+/// job brings it to an end in good order. The next one ends the program as without it.
+class InterruptionAsks {
+ public:
+  InterruptionAsks() { ++interruption::listeners; }
+  ~InterruptionAsks() { --interruption::listeners; }
+  InterruptionAsks(const InterruptionAsks&) = delete;
+  InterruptionAsks& operator=(const InterruptionAsks&) = delete;
+};
+
+/// Becomes true when a signal has asked, and stays so.
+inline const std::atomic<bool>& interruptionAsked() { return interruption::asked; }
+/// Signal that asked; 0: none has.
+inline int interruptionSignal() { return interruption::asked_by.load(); }
 
 /// From now on SIGINT (Ctrl-C), SIGTERM and SIGHUP remove what is provisional, then end the program at once as they
 /// would by themselves: for a shell with 128 + signal, 130 after Ctrl-C. Those that are ignored stay so.

@@ -16,6 +16,7 @@
 #include <mutex>
 #include <thread>
 
+#include "palpate/common/cancellation.h"
 #include "palpate/common/error.h"
 #include "palpate/common/overloaded.h"
 #include "palpate/common/parallel.h"
@@ -37,6 +38,7 @@ constexpr std::chrono::microseconds kPumpPeriod{16667};
 constexpr std::chrono::milliseconds kStatsPeriod{500};
 constexpr std::chrono::seconds kHandIdle{2};  // after which another viewer may take the hand
 constexpr std::size_t kMostTasks = 1000;      // a flood of messages is cut off here
+constexpr int kMostLoads = 4;                 // scenes to be built that may wait
 constexpr double kRecordedPlot = 300.0;       // length of a recording that its report's plots are made for [s]
 
 Bytes share(std::string text) { return std::make_shared<const std::string>(std::move(text)); }
@@ -71,6 +73,26 @@ std::string describePlaced(const BuiltScene& scene) {
                      tool.totalMass());
 }
 
+/// What the pump has to do.
+struct Task {
+  std::function<void()> work;
+  std::string load{};        ///< what scene is built by it; empty: none
+  bool replaceable = false;  ///< the same load once more makes it needless
+  bool records = false;      ///< begins or ends a recording: what was asked before it counts
+};
+
+// Of a message: all but the work.
+Task taskOf(const ViewerCommand& command) {
+  Task out;
+  if (std::holds_alternative<ResetMessage>(command)) out.load = "reset";
+  if (const auto* scene = std::get_if<SceneMessage>(&command)) out.load = "scene " + scene->name;
+  out.replaceable = !out.load.empty();
+  if (const auto* set = std::get_if<SetMessage>(&command); set && set->handle) out.load = "handle";
+  if (std::holds_alternative<PlaceMessage>(command)) out.load = "place";
+  out.records = std::holds_alternative<RecordMessage>(command);
+  return out;
+}
+
 }  // namespace
 
 struct InteractiveRun::Impl {
@@ -80,15 +102,20 @@ struct InteractiveRun::Impl {
   // --- the pump's thread
 
   void run() {
+    const CancellationScope cancel(&stopping);
     auto next = Clock::now();
     auto stats = next;
     std::unique_lock lock(mutex);
     while (!stopping) {
       wake.wait_until(lock, next, [&] { return stopping || !tasks.empty(); });
-      std::deque<std::function<void()>> todo;
-      todo.swap(tasks);
+      if (stopping) break;
+      Task task;
+      if (!tasks.empty()) {  // one at a time: frames go on between them
+        task = std::move(tasks.front());
+        tasks.pop_front();
+      }
       lock.unlock();
-      for (const auto& task : todo) attempt(task);
+      if (task.work) attempt(task.work);
       if (Clock::now() >= next) {
         attempt([&] { pump(false); });
         next = std::max(next + kPumpPeriod, Clock::now());
@@ -100,17 +127,16 @@ struct InteractiveRun::Impl {
       lock.lock();
     }
     lock.unlock();
-    attempt([&] {
-      scene->loops().stop();
-      pump(false);
-      endRecording();
-    });
+    attempt([&] { scene->loops().stop(RealtimeLoops::Ending::leaves); });
+    attempt([&] { scene->pump(audience, generation, false); });
+    endRecording("end of the program");
   }
 
   // What goes wrong is told to the viewers; the run goes on.
   void attempt(const std::function<void()>& work) {
     try {
       work();
+    } catch (const Cancelled&) {  // nobody waits for it any more
     } catch (const std::exception& e) {
       notice(true, e.what());
     }
@@ -124,6 +150,12 @@ struct InteractiveRun::Impl {
     }
     scene->pump(audience, generation, again);
     watchMotion();
+    if (!files || recordingFailure().empty()) return;
+    const bool running = scene->loops().started();
+    scene->loops().stop();
+    endRecording("failure");
+    publishState();
+    if (running) startLoops();
   }
 
   // A path that has come to its end: whoever opens the page later sees nothing move.
@@ -150,13 +182,13 @@ struct InteractiveRun::Impl {
     }
     try {
       auto next = std::make_unique<RunningScene>(config, settings, generation + 1);
-      if (scene) endRecording();
+      endRecording("another scene");
       scene = std::move(next);
     } catch (...) {
       status.busy.clear();
       if (scene) {
         publishState();
-        startLoops();
+        if (!stopping) startLoops();
       }
       throw;
     }
@@ -380,11 +412,16 @@ struct InteractiveRun::Impl {
   void record(bool on) {
     if (on == (files != nullptr)) return;
     stopLoops();
-    pump(false);
-    if (on) {
-      beginRecording();
-    } else {
-      endRecording();
+    scene->pump(audience, generation, false);
+    try {
+      if (on) {
+        beginRecording();
+      } else {
+        endRecording("viewer");
+      }
+    } catch (...) {
+      startLoops();
+      throw;
     }
     publishState();
     startLoops();
@@ -397,21 +434,41 @@ struct InteractiveRun::Impl {
         options.record_folder / fmt::format("{}-{:%Y%m%d-%H%M%S}", scene->config().name, fmt::localtime(now));
     SceneConfig config = scene->config();
     config.duration = kRecordedPlot;
-    files = std::make_unique<RunFiles>(folder, config);
-    recorder = std::make_unique<Recorder>(files->stage("recording.palpate"), config, scene->scene(), settings);
+    auto tables = std::make_unique<RunFiles>(folder, config);
+    recorder = std::make_unique<Recorder>(tables->stage("recording.palpate"), config, scene->scene(), settings);
+    files = std::move(tables);
     scene->record(recorder.get(), files->sink());
     status.recording = folder.string();
   }
 
-  void endRecording() {
+  std::string recordingFailure() const { return files->failure().empty() ? recorder->failure() : files->failure(); }
+
+  // Does not throw: whatever becomes of the files, the run goes on.
+  void endRecording(const std::string& by) {
     if (!files) return;
     scene->record(nullptr, {});
-    const auto done = std::move(files);
-    const auto frames = std::move(recorder);
     const std::string folder = std::exchange(status.recording, {});
-    frames->finish();
-    done->finish(scene->scene(), scene->loops().outcome(), nullptr);
-    notice(false, "recorded in " + folder);
+    try {
+      recorder->finish();
+      RunOutcome outcome = scene->loops().outcome();
+      outcome.ended_by = by;
+      outcome.failure = recordingFailure();
+      files->finish(scene->scene(), outcome, nullptr);
+      if (const std::string cause = recordingFailure(); cause.empty()) {
+        notice(false, "recorded in " + folder);
+      } else {
+        recordingFailed(fmt::format("the recording ended: {}; what was recorded until then is in {}", cause, folder));
+      }
+    } catch (const std::exception& e) {
+      recordingFailed(fmt::format("the recording in {} is lost: {}", folder, e.what()));
+    }
+    recorder.reset();
+    files.reset();
+  }
+
+  void recordingFailed(const std::string& text) {
+    notice(true, text);
+    if (failure.empty()) failure = text;
   }
 
   SceneConfig base;  // as it would be begun anew
@@ -430,21 +487,43 @@ struct InteractiveRun::Impl {
   Clock::time_point stats_time = Clock::now();
   double stats_cpu = 0;
   std::atomic<int> surfaces{0};
+  std::string failure;  // of a recording
 
   // --- shared with the callers' threads
   std::mutex mutex;
   std::condition_variable wake;
-  std::deque<std::function<void()>> tasks;
-  bool stopping = false;
+  std::deque<Task> tasks;
+  std::atomic<bool> stopping{false};
   std::thread thread;
 
-  void post(std::function<void()> task, bool may_be_lost = false) {
+  /// @return false where too much of it waits already
+  bool post(Task task, bool may_be_lost = false) {
     {
       const std::lock_guard lock(mutex);
-      if (stopping || (may_be_lost && tasks.size() >= kMostTasks)) return;
+      if (stopping || (may_be_lost && tasks.size() >= kMostTasks)) return true;
+      if (!task.load.empty() && !makeRoom(task.load)) return false;
       tasks.push_back(std::move(task));
     }
     wake.notify_one();
+    return true;
+  }
+
+  // Of scenes to be built that wait, an equal one that only another could come after is needless. Too many are refused.
+  bool makeRoom(const std::string& load) {
+    int waiting = 0;
+    bool newest = true;
+    for (auto task = tasks.end(); task != tasks.begin();) {
+      --task;
+      if (task->records) newest = false;
+      if (task->load.empty()) continue;
+      if (newest && task->replaceable && task->load == load) {
+        tasks.erase(task);
+        return true;
+      }
+      newest = false;
+      ++waiting;
+    }
+    return waiting < kMostLoads;
   }
 };
 
@@ -471,33 +550,36 @@ void InteractiveRun::stop() {
   if (impl_->thread.joinable()) impl_->thread.join();
 }
 
+const std::string& InteractiveRun::failure() const { return impl_->failure; }
+
 void InteractiveRun::joined(int) {
-  impl_->post([i = impl_.get()] {
+  impl_->post({[i = impl_.get()] {
     ++i->status.viewers;
     i->publishState();
     i->pump(true);
-  });
+  }});
 }
 
 void InteractiveRun::left(int viewer) {
-  impl_->post([i = impl_.get(), viewer] {
+  impl_->post({[i = impl_.get(), viewer] {
     --i->status.viewers;
     i->releaseHand(viewer);
     i->publishState();
-  });
+  }});
 }
 
 void InteractiveRun::message(int viewer, std::string_view json) {
   try {
-    impl_->post(
-        [i = impl_.get(), viewer, command = parseCommand(json)] {
-          try {
-            i->carryOut(viewer, command);
-          } catch (const InputError& e) {
-            i->audience.textTo(viewer, share(noticeMessage(true, e.what())));
-          }
-        },
-        true);
+    ViewerCommand command = parseCommand(json);
+    Task task = taskOf(command);
+    task.work = [i = impl_.get(), viewer, command = std::move(command)] {
+      try {
+        i->carryOut(viewer, command);
+      } catch (const InputError& e) {
+        i->audience.textTo(viewer, share(noticeMessage(true, e.what())));
+      }
+    };
+    if (!impl_->post(std::move(task), true)) throw InputError("message", "", "too many scenes wait to be built");
   } catch (const InputError& e) {
     impl_->audience.textTo(viewer, share(noticeMessage(true, e.what())));
   }
@@ -515,13 +597,14 @@ std::optional<std::string> InteractiveRun::surface(const std::string& name, std:
   } catch (const std::exception& e) {
     return std::string("the file could not be kept: ") + e.what();
   }
-  impl_->post([i = impl_.get(), file, name, place] {
+  const auto work = [i = impl_.get(), file, name, place] {
     if (place) {
       i->beginPlacing(file, name);
     } else {
       i->placeSurface(file, name, {});
     }
-  });
+  };
+  if (!impl_->post({work, "surface " + name, true})) return "too many scenes wait to be built";
   return std::nullopt;
 }
 

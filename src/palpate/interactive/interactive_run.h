@@ -61,8 +61,10 @@ class InteractiveRun {
 
   /// Builds the scene and starts it. @throws what building it throws
   void start();
-  /// Ends the loops and completes a recording.
+  /// Ends the loops, a scene that is being built too, and completes a recording.
   void stop();
+  /// After stop(): why a recording ended before it was told to, for people; empty: none did.
+  const std::string& failure() const;
 
   void joined(int viewer);
   void left(int viewer);

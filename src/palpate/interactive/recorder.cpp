@@ -1,6 +1,9 @@
 #include "palpate/interactive/recorder.h"
 
+#include <cerrno>
 #include <cmath>
+#include <cstring>
+#include <system_error>
 
 #include "palpate/common/error.h"
 
@@ -22,6 +25,7 @@ Recorder::Recorder(const std::filesystem::path& file, const SceneConfig& config,
       substeps_(config.substeps) {
   if (!out_) throw InputError(file.string(), "", "cannot be written");
   out_ << protocol::kRecordingMagic;
+  whole_ = protocol::kRecordingMagic.size();
   last_tick_.device.pose = scene.start;
   last_tick_.proxy = scene.world.tool().state.handle.pose;
   put(RecordKind::text, sceneMessage(config, scene, {}, kGeneration));
@@ -73,20 +77,39 @@ void Recorder::state(const World& world, const VisualRecord& step) {
 void Recorder::flushSamples() { put(RecordKind::binary, samples_.take()); }
 
 void Recorder::put(RecordKind kind, const std::string& payload) {
+  if (!failure_.empty()) return;
   const auto bytes = static_cast<std::uint32_t>(payload.size());
   out_.write(reinterpret_cast<const char*>(&kind), sizeof kind);
   out_.write(reinterpret_cast<const char*>(&bytes), sizeof bytes);
   out_.write(payload.data(), static_cast<std::streamsize>(payload.size()));
   const char zeros[protocol::kRecordAlignment] = {};
   const std::size_t beyond = payload.size() % sizeof zeros;
-  if (beyond > 0) out_.write(zeros, static_cast<std::streamsize>(sizeof zeros - beyond));
+  const std::size_t padding = beyond > 0 ? sizeof zeros - beyond : 0;
+  out_.write(zeros, static_cast<std::streamsize>(padding));
+  out_.flush();
+  if (!out_) return giveUp(errno);
+  whole_ += sizeof kind + sizeof bytes + payload.size() + padding;
+}
+
+void Recorder::giveUp(int cause) {
+  failure_ = path_.string() + ": cannot be written: " + std::strerror(cause);
+  failed_.store(true, std::memory_order_relaxed);
+  out_.close();
+  std::error_code ignored;
+  std::filesystem::resize_file(path_, whole_, ignored);
+}
+
+std::string Recorder::failure() const {
+  const std::lock_guard lock(mutex_);
+  return failure_;
 }
 
 void Recorder::finish() {
   const std::lock_guard lock(mutex_);
   if (!samples_.empty()) flushSamples();
+  if (!failure_.empty()) return;
   out_.close();
-  if (!out_) throw RunError(path_.string() + ": could not be written whole");
+  if (!out_) giveUp(errno);
 }
 
 }  // namespace palpate

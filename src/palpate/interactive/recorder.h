@@ -1,9 +1,12 @@
 #pragma once
 
+#include <atomic>
+#include <cstdint>
 #include <filesystem>
 #include <fstream>
 #include <memory>
 #include <mutex>
+#include <string>
 
 #include "palpate/protocol/layout.h"
 #include "palpate/protocol/messages.h"
@@ -12,7 +15,8 @@
 namespace palpate {
 
 /// Writes recording.palpate (docs/viewer.md): what the page needs to show a run again, without the scene's files. Rows
-/// and states may come from different threads.
+/// and states may come from different threads. Where the file cannot be written any more (full disk) it ends with its
+/// last whole record, and the rest is left out.
 class Recorder {
  public:
   /// @param file  to write; renamed by nobody but the caller
@@ -27,16 +31,24 @@ class Recorder {
   void step(const VisualRecord& step, int substeps);
   void state(const World& world, const VisualRecord& step);
 
-  /// Writes what is left. @throws RunError if the file could not be written whole
+  /// Nothing more is recorded. Any thread, cheap.
+  bool failed() const noexcept { return failed_.load(std::memory_order_relaxed); }
+  /// Why nothing more is recorded, for people; empty: all is well. Any thread.
+  std::string failure() const;
+  /// Writes what is left, as far as that is possible.
   void finish();
 
  private:
   void put(protocol::RecordKind kind, const std::string& payload);
   void flushSamples();
+  void giveUp(int cause);
 
-  std::mutex mutex_;
+  mutable std::mutex mutex_;
   std::filesystem::path path_;
   std::ofstream out_;
+  std::uintmax_t whole_ = 0;  // bytes of whole records in the file
+  std::string failure_;
+  std::atomic<bool> failed_{false};
   StateReader reader_;
   SampleEncoder samples_;
   SceneState state_;

@@ -1,5 +1,7 @@
 #include "palpate/record/csv_writer.h"
 
+#include <unistd.h>
+
 #include <cerrno>
 #include <charconv>
 #include <cstring>
@@ -97,10 +99,23 @@ void CsvWriter::separate() {
 }
 
 void CsvWriter::flush() {
-  if (std::fwrite(buffer_.data(), 1, buffer_.size(), file_) != buffer_.size()) {
-    throw RunError(path_.string() + ": cannot be written: " + std::strerror(errno));
+  if (!file_) return;
+  const std::size_t rows = cells_ == 0 ? buffer_.size() : buffer_.rfind('\n') + 1;
+  const std::size_t written = std::fwrite(buffer_.data(), 1, rows, file_);
+  const std::string cause = std::strerror(errno);
+  keepWholeRows(written);
+  if (written != rows) throw RunError(path_.string() + ": cannot be written: " + cause);
+}
+
+void CsvWriter::keepWholeRows(std::size_t written) {
+  const std::size_t kept = written == 0 ? 0 : buffer_.rfind('\n', written - 1) + 1;
+  bytes_ += kept;
+  buffer_.erase(0, kept);
+  if (kept == written) return;
+  std::clearerr(file_);
+  if (::ftruncate(::fileno(file_), static_cast<off_t>(bytes_)) == 0) {
+    std::fseek(file_, static_cast<long>(bytes_), SEEK_SET);
   }
-  buffer_.clear();
 }
 
 }  // namespace palpate

@@ -15,8 +15,9 @@ namespace palpate {
 /// Writes a comma-separated table with a header line. Numbers are the shortest texts that read back as the same double;
 /// nothing in it depends on the locale. Buffered; call close() to know that all of it was written.
 ///
-/// Opening throws InputError, a failed write (full disk) RunError naming the file. A row with the wrong number of cells
-/// is a mistake of the program: std::logic_error.
+/// Opening throws InputError, a failed write (full disk) RunError naming the file: the file then ends with a whole row,
+/// and what is missing waits for the next try. A row with the wrong number of cells is a mistake of the program:
+/// std::logic_error.
 class CsvWriter {
  public:
   /// @param path     file to write, in general OutputFolder::stage(name)
@@ -39,16 +40,19 @@ class CsvWriter {
   }
   void endRow();
 
+  /// Writes the rows so far.
+  void flush();
   void close();
 
  private:
   CsvWriter& integer(std::int64_t value);
   void separate();
-  void flush();
+  void keepWholeRows(std::size_t written);
 
   std::filesystem::path path_;
   std::FILE* file_ = nullptr;
   std::string buffer_;
+  std::size_t bytes_ = 0;  ///< in the file, in whole rows
   std::size_t columns_ = 0;
   std::size_t cells_ = 0;  ///< in the row under way
 };

@@ -2,6 +2,7 @@
 
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <cstring>
 #include <fstream>
@@ -72,6 +73,16 @@ fs::path OutputFolder::stage(const std::string& name) {
   staged_.push_back({path_ / temporaryName(name), path_ / name});
   markProvisional(staged_.back().temporary);
   return staged_.back().temporary;
+}
+
+void OutputFolder::unstage(const std::string& name) {
+  const auto file =
+      std::find_if(staged_.begin(), staged_.end(), [&](const Staged& s) { return s.final == path_ / name; });
+  if (file == staged_.end()) return;
+  std::error_code ignored;
+  fs::remove(file->temporary, ignored);
+  unmarkProvisional(file->temporary);
+  staged_.erase(file);
 }
 
 void OutputFolder::commit() {

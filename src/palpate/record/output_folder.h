@@ -31,6 +31,9 @@ class OutputFolder {
   /// The temporary path to write the file `name` to.
   std::filesystem::path stage(const std::string& name);
 
+  /// The file is not part of the result after all.
+  void unstage(const std::string& name);
+
   /// Gives the staged files their names, in the order of staging (stage summary.json last). They must be closed.
   /// @throws RunError if a staged file was not written or cannot be renamed
   void commit();

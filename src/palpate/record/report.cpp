@@ -109,8 +109,10 @@ void appendTable(std::string& html, const Table& table) {
     html += "</tr></thead>\n";
   }
   html += "<tbody>\n";
-  for (const auto& row : table.rows) {
-    html += "<tr>";
+  for (std::size_t r = 0; r < table.rows.size(); ++r) {
+    const auto& row = table.rows[r];
+    const bool bad = std::find(table.bad.begin(), table.bad.end(), r) != table.bad.end();
+    html += bad ? "<tr class=\"bad\">" : "<tr>";
     for (std::size_t i = 0; i < row.size(); ++i) {
       const std::string_view cell = i == 0 ? "<th scope=\"row\"{}>{}</th>" : "<td{}>{}</td>";
       html += fmt::format(fmt::runtime(cell), align(i), escapeHtml(row[i]));

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstddef>
 #include <filesystem>
 #include <string>
 #include <utility>
@@ -36,6 +37,7 @@ struct Table {
   std::vector<std::string> header;
   std::vector<std::vector<std::string>> rows;  ///< cells that look like numbers are set right-aligned
   std::string note{};
+  std::vector<std::size_t> bad{};  ///< rows that are set in red
 };
 
 /// A picture.

@@ -1,24 +1,33 @@
 #include "palpate/results/run_files.h"
 
 #include <fmt/format.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <exception>
 #include <initializer_list>
 #include <nlohmann/json.hpp>
+#include <system_error>
 
 #include "palpate/devices/motion_recording.h"
 #include "palpate/record/csv_writer.h"
 #include "palpate/record/json_file.h"
 #include "palpate/record/output_folder.h"
 #include "palpate/record/report.h"
+#include "palpate/record/space_reserve.h"
 #include "palpate/results/statistics.h"
 
 namespace palpate {
 namespace {
 
 constexpr double kMuchClamped = 0.01;  // share of the ticks that is worth saying
+constexpr double kMuchStale = 0.01;    // share of the ticks from which on a row is red; likewise below
+constexpr double kMuchMissed = 0.01;
+constexpr double kMuchOverrun = 0.05;         // of the visual steps
+constexpr std::uintmax_t kReserve = 2 << 20;  // for what is written last [bytes]
+constexpr std::int64_t kFlushEvery = 500;     // ticks
 
 const std::vector<std::string> kMotionColumns{"time_s", "x_m",      "y_m",      "z_m",      "qw",
                                               "qx",     "qy",       "qz",       "vx_m_s",   "vy_m_s",
@@ -120,17 +129,47 @@ struct RunFiles::Impl {
   Impl(const std::filesystem::path& path, const SceneConfig& scene_config)
       : config(scene_config),
         folder(path),
+        reserve(path / fmt::format(".reserve.partial-{}", ::getpid()), kReserve),
         haptic(folder.stage("haptic.csv"), kHapticColumns),
         motion(folder.stage("motion.csv"), kMotionColumns),
         visual(folder.stage("visual.csv"), kVisualColumns),
         timing(folder.stage("timing.csv"), kTimingColumns) {}
 
+  // What cannot be written ends the recording, and nothing else.
+  template <class Write>
+  bool attempt(Write&& write) {
+    try {
+      write();
+      return true;
+    } catch (const std::exception& e) {
+      if (failure.empty()) failure = e.what();
+      reserve.release();
+      return false;
+    }
+  }
+
+  // So that no more than half a second of a run in real time is lost, whatever happens.
+  void flush() {
+    for (CsvWriter* csv : {&haptic, &motion, &visual, &timing}) attempt([csv] { csv->flush(); });
+  }
+
   void tick(const TickRecord& r) {
+    if (!failure.empty()) return;
+    attempt([&] { writeMotion(r); });
+    attempt([&] { writeHaptic(r); });
+    tally(r);
+    if (ticks % kFlushEvery == 0) flush();
+  }
+
+  void writeMotion(const TickRecord& r) {
     motion.cell(r.time);
     addPose(motion, r.device.pose);
     addVector(motion, r.device.twist);
     motion.cell(r.device.buttons);
     motion.endRow();
+  }
+
+  void writeHaptic(const TickRecord& r) {
     haptic.cell(r.time);
     addPose(haptic, r.device.pose);
     addPose(haptic, r.proxy);
@@ -138,6 +177,9 @@ struct RunFiles::Impl {
     addVector(haptic, r.sent);
     haptic.cell(r.model_age).cell(r.flags.bits());
     haptic.endRow();
+  }
+
+  void tally(const TickRecord& r) {
     const double force = r.sent.head<3>().norm();
     peak_force = std::max(peak_force, force);
     force_squares += force * force;
@@ -153,6 +195,13 @@ struct RunFiles::Impl {
   }
 
   void step(const VisualRecord& r) {
+    if (!failure.empty()) return;
+    attempt([&] { writeVisual(r); });
+    attempt([&] { writeTiming(r); });
+    tally(r);
+  }
+
+  void writeVisual(const VisualRecord& r) {
     visual.cell(r.time);
     addPose(visual, r.model.handle_pose);
     addVector(visual, r.model.force);
@@ -166,13 +215,21 @@ struct RunFiles::Impl {
     visual.cell(r.step.motion_share).cell(r.step.redone).cell(r.step.converged ? 1 : 0).cell(r.step.energy_made);
     visual.cell(r.step.energy_corrected);
     visual.endRow();
-    const double total = r.step.times.total() + r.linearization_s;
+  }
+
+  static double totalOf(const VisualRecord& r) { return r.step.times.total() + r.linearization_s; }
+
+  void writeTiming(const VisualRecord& r) {
     timing.cell(r.time);
-    for (const double s : {total, r.step.times.assemble, r.step.times.factorize, r.step.times.solve,
+    for (const double s : {totalOf(r), r.step.times.assemble, r.step.times.factorize, r.step.times.solve,
                            r.step.times.contact, r.step.times.advance, r.linearization_s, r.lateness_s}) {
       timing.cell(1e3 * s);
     }
     timing.endRow();
+  }
+
+  void tally(const VisualRecord& r) {
+    const double total = totalOf(r);
     step_time.push_back(r.time);
     step_ms.push_back(1e3 * total);
     linearization_ms.push_back(1e3 * r.linearization_s);
@@ -244,6 +301,19 @@ struct RunFiles::Impl {
     return outcome.ticks > 0 ? flagged / static_cast<double>(outcome.ticks) : 0.0;
   }
 
+  static std::string endedBy(const RunOutcome& outcome) {
+    if (!outcome.failure.empty()) return "failure";
+    return outcome.ended_by.empty() ? "duration" : outcome.ended_by;
+  }
+  static double missedShare(const RunOutcome& outcome) {
+    const auto missed = static_cast<double>(outcome.missed);
+    return outcome.missed > 0 ? missed / (static_cast<double>(outcome.ticks) + missed) : 0.0;
+  }
+  // Longest time from one tick to the next [s].
+  double longestGap(const RunOutcome& outcome) const {
+    return static_cast<double>(outcome.most_missed + 1) * config.haptic_step;
+  }
+
   nlohmann::ordered_json summary(const BuiltScene& scene, const RunOutcome& outcome) const {
     nlohmann::ordered_json j;
     j["scene"] = config.name;
@@ -256,6 +326,10 @@ struct RunFiles::Impl {
     j["jitter"] = config.jitter;
     j["realtime"] = outcome.realtime;
     j["duration_s"] = config.duration;
+    j["end_s"] = outcome.end_time;
+    j["interrupted"] = outcome.stopped && outcome.failure.empty();
+    j["ended_by"] = endedBy(outcome);
+    if (!outcome.failure.empty()) j["failure"] = outcome.failure;
     j["mesh"] = {
         {"tetrahedra", scene.tetrahedra}, {"nodes", scene.nodes}, {"surface_triangles", scene.surface_triangles}};
     j["visual"] = {{"step_s", config.visual_step},
@@ -280,6 +354,9 @@ struct RunFiles::Impl {
                    {"stale_share", shareOf(outcome, TickFlag::model_stale)}};
     if (outcome.realtime) {
       j["haptic"]["wake_us"] = {{"p50", outcome.wake_us[0]}, {"p99", outcome.wake_us[1]}, {"max", outcome.wake_us[2]}};
+      j["haptic"]["missed_share"] = missedShare(outcome);
+      j["haptic"]["longest_gap_s"] = longestGap(outcome);
+      j["haptic"]["gaps"] = outcome.counters[TickFlag::gap];
       j["haptic"]["dropped_rows"] = outcome.dropped_rows;
       j["haptic"]["priority_note"] = outcome.realtime_note;
     }
@@ -307,13 +384,94 @@ struct RunFiles::Impl {
     return j;
   }
 
+  void closeTables() {
+    reserve.release();
+    for (CsvWriter* csv : {&haptic, &motion, &visual, &timing}) attempt([csv] { csv->close(); });
+    if (!attempt([this] { writeAttachments(); })) folder.unstage("attachments.csv");
+  }
+
+  void add(const std::string& what, const std::string& value, const std::string& unit, bool is_bad = false) {
+    if (is_bad) bad.push_back(rows.size());
+    rows.push_back({what, value, unit});
+  }
+
+  void fillRows(const BuiltScene& scene, const RunOutcome& outcome) {
+    if (outcome.stopped || !outcome.failure.empty()) {
+      const std::string why = outcome.failure.empty() ? endedBy(outcome) : outcome.failure;
+      add("ended early: " + why, fmt::format("at {:.3g}", outcome.end_time), "s", true);
+    }
+    add("tetrahedra, surface triangles", fmt::format("{}, {}", scene.tetrahedra, scene.surface_triangles), "");
+    add("visual step: median, 95 %, longest",
+        plain({percentile(step_ms, 0.5), percentile(step_ms, 0.95), maxOf(step_ms)}), "ms");
+    add("  of it linearization, median", plain({percentile(linearization_ms, 0.5)}), "ms");
+    add("haptic tick: median, 99 %, longest", plain({outcome.tick_us[0], outcome.tick_us[1], outcome.tick_us[2]}),
+        "us");
+    addTimeRows(outcome);
+    add("contacts carrying force, most", fmt::format("{:.0f}", maxOf(active)), "");
+    add("deepest penetration", plain({maxOf(penetration_mm)}), "mm");
+    add("force on the hand: peak, RMS",
+        plain({peak_force, std::sqrt(force_squares / static_cast<double>(std::max<std::int64_t>(1, ticks)))}), "N");
+    if (const double share = shareOf(outcome, TickFlag::force_clamped); share > kMuchClamped) {
+      add(fmt::format("force held at the device's {:g} N", config.device.limits.peak_force),
+          fmt::format("{:.1f}", 100 * share), "% of ticks");
+    }
+    for (const Attached& a : attached) add(fmt::format("{} held by {}: peak", a.body, a.name), plain({a.peak}), "N");
+  }
+
+  // How well the run kept its time.
+  void addTimeRows(const RunOutcome& outcome) {
+    const double stale = shareOf(outcome, TickFlag::model_stale);
+    if (outcome.realtime || stale > 0) {
+      add("model too old, force faded", fmt::format("{:.1f}", 100 * stale), "% of ticks", stale > kMuchStale);
+    }
+    if (!outcome.realtime) return;
+    const double late = static_cast<double>(overruns) / static_cast<double>(std::max<std::size_t>(1, step_ms.size()));
+    add(fmt::format("visual steps longer than {:g} ms", 1e3 * config.visual_step),
+        fmt::format("{} of {}", overruns, step_ms.size()), "", late > kMuchOverrun);
+    add("wake-up latency: median, 99 %, longest", plain({outcome.wake_us[0], outcome.wake_us[1], outcome.wake_us[2]}),
+        "us");
+    add("haptic ticks missed", fmt::format("{} of {}", outcome.missed, outcome.ticks + outcome.missed), "",
+        missedShare(outcome) > kMuchMissed);
+    if (const std::uint64_t gaps = outcome.counters[TickFlag::gap]; gaps > 0) {
+      add("gaps, after which the force began anew", fmt::format("{}, longest {:.2f}", gaps, longestGap(outcome)), "s",
+          true);
+    }
+    if (outcome.dropped_rows > 0) add("rows lost in recording", fmt::format("{}", outcome.dropped_rows), "", true);
+  }
+
+  void writePictures(const RunPictures& pictures) {
+    const auto write = [this](const std::string& name, const std::vector<unsigned char>& png) {
+      if (!attempt([&] { writePng(name, png); })) folder.unstage(name);
+    };
+    for (std::size_t k = 0; k < pictures.images.size(); ++k) {
+      write(fmt::format("picture-{}.png", k + 1), pictures.images[k].png);
+    }
+    if (!pictures.sheet.empty()) write("pictures.png", pictures.sheet);
+  }
+
+  // The summary first, as it is short: where the disk is full, the report may not fit.
+  void writeSummaryAndReport(const BuiltScene& scene, RunOutcome outcome, const Comparison* comparison,
+                             const RunPictures& pictures) {
+    const auto report_file = folder.stage("report.html"), summary_file = folder.stage("summary.json");
+    if (outcome.failure.empty()) outcome.failure = failure;
+    if (!attempt([&] { writeJson(summary_file, summary(scene, outcome)); })) dropOutput("summary.json");
+    if (!attempt([&] { writeReport(report_file, report(comparison, pictures)); })) dropOutput("report.html");
+  }
+
+  // That of an earlier run would look like this one's.
+  void dropOutput(const std::string& name) {
+    folder.unstage(name);
+    std::error_code ignored;
+    std::filesystem::remove(folder.path() / name, ignored);
+  }
+
   Report report(const Comparison* other, const RunPictures& pictures) const {
     Report page;
     page.title = fmt::format("Palpate: {}", config.name);
     page.subtitle = fmt::format("{} held by {}, method {}, visual step {} ms, latency {}, {} s", config.tool.name,
                                 config.tool.handle, toString(config.method), 1e3 * config.visual_step, config.latency,
                                 config.duration);
-    page.tables.push_back({"This run", {"", "", ""}, rows, ""});
+    page.tables.push_back({"This run", {"", "", ""}, rows, "", bad});
     page.images = pictures.images;
     page.images_note = pictures.note;
     page.plots.push_back(vectorPlot("Force on the hand", "Force, N", plot_time, plot_sent, 0, "time",
@@ -418,6 +576,8 @@ struct RunFiles::Impl {
 
   SceneConfig config;
   OutputFolder folder;
+  SpaceReserve reserve;
+  std::string failure;
   CsvWriter haptic, motion, visual, timing;
   std::int64_t ticks = 0;
   std::int64_t plot_stride = 1;
@@ -430,6 +590,7 @@ struct RunFiles::Impl {
   std::vector<double> step_time, step_ms, step_ms_contact, linearization_ms, linearization_ms_contact, active, contacts,
       sliding, penetration_mm, kinetic, elastic;
   std::vector<std::vector<std::string>> rows;
+  std::vector<std::size_t> bad;  // rows
   std::vector<Attached> attached;
   std::vector<AttachmentRow> attachment_rows;
 };
@@ -453,51 +614,27 @@ RunSink RunFiles::sink() {
   return s;
 }
 
+const std::string& RunFiles::failure() const { return impl_->failure; }
+
 void RunFiles::finish(const BuiltScene& scene, const RunOutcome& outcome, const Comparison* comparison,
                       const RunPictures& pictures) {
   Impl& i = *impl_;
-  i.haptic.close();
-  i.motion.close();
-  i.visual.close();
-  i.timing.close();
-  i.writeAttachments();
-  const auto add = [&](const std::string& what, const std::string& value, const std::string& unit) {
-    i.rows.push_back({what, value, unit});
-  };
-  add("tetrahedra, surface triangles", fmt::format("{}, {}", scene.tetrahedra, scene.surface_triangles), "");
-  add("visual step: median, 95 %, longest",
-      plain({percentile(i.step_ms, 0.5), percentile(i.step_ms, 0.95), i.maxOf(i.step_ms)}), "ms");
-  add("  of it linearization, median", plain({percentile(i.linearization_ms, 0.5)}), "ms");
-  add("haptic tick: median, 99 %, longest", plain({outcome.tick_us[0], outcome.tick_us[1], outcome.tick_us[2]}), "us");
-  if (outcome.realtime) {
-    add("wake-up latency: median, 99 %, longest", plain({outcome.wake_us[0], outcome.wake_us[1], outcome.wake_us[2]}),
-        "us");
-    add("haptic ticks missed", fmt::format("{} of {}", outcome.missed, outcome.ticks + outcome.missed), "");
-  }
-  add("contacts carrying force, most", fmt::format("{:.0f}", i.maxOf(i.active)), "");
-  add("deepest penetration", plain({i.maxOf(i.penetration_mm)}), "mm");
-  add("force on the hand: peak, RMS",
-      plain({i.peak_force, std::sqrt(i.force_squares / static_cast<double>(std::max<std::int64_t>(1, i.ticks)))}), "N");
-  if (const double share = Impl::shareOf(outcome, TickFlag::force_clamped); share > kMuchClamped) {
-    add(fmt::format("force held at the device's {:g} N", i.config.device.limits.peak_force),
-        fmt::format("{:.1f}", 100 * share), "% of ticks");
-  }
-  for (const Impl::Attached& a : i.attached) {
-    add(fmt::format("{} held by {}: peak", a.body, a.name), plain({a.peak}), "N");
-  }
-  for (std::size_t k = 0; k < pictures.images.size(); ++k) {
-    i.writePng(fmt::format("picture-{}.png", k + 1), pictures.images[k].png);
-  }
-  if (!pictures.sheet.empty()) i.writePng("pictures.png", pictures.sheet);
-  writeReport(i.folder.stage("report.html"), i.report(comparison, pictures));
-  writeJson(i.folder.stage("summary.json"), i.summary(scene, outcome));
+  i.closeTables();
+  i.fillRows(scene, outcome);
+  i.writePictures(pictures);
+  i.writeSummaryAndReport(scene, outcome, comparison, pictures);
   i.folder.commit();
   i.removeOldPictures(pictures);
 }
 
-std::string RunFiles::table() const {
+std::string RunFiles::table(bool color) const {
   std::string out;
-  for (const auto& row : impl_->rows) out += fmt::format("  {:<42}{:>22} {}\n", row[0], row[1], row[2]);
+  for (std::size_t r = 0; r < impl_->rows.size(); ++r) {
+    const auto& row = impl_->rows[r];
+    const bool bad = std::find(impl_->bad.begin(), impl_->bad.end(), r) != impl_->bad.end();
+    const std::string line = fmt::format("{} {:<42}{:>22} {}", bad ? '!' : ' ', row[0], row[1], row[2]);
+    out += bad && color ? fmt::format("\x1b[31m{}\x1b[0m\n", line) : line + "\n";
+  }
   return out;
 }
 

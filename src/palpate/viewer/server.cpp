@@ -87,6 +87,32 @@ void bindTo(Acceptor& acceptor, const asio::ip::tcp::endpoint& endpoint) {
   check();
 }
 
+/// What signals did before Asio took them; it forgets that.
+class SignalsBefore {
+ public:
+  SignalsBefore() = default;
+  ~SignalsBefore() { giveBack(); }
+  SignalsBefore(const SignalsBefore&) = delete;
+  SignalsBefore& operator=(const SignalsBefore&) = delete;
+
+  /// @return whether the signal is to be taken
+  bool remember(int signal) {
+    struct sigaction now = {};
+    if (::sigaction(signal, nullptr, &now) != 0) return false;
+    if (signal == SIGHUP && now.sa_handler == SIG_IGN) return false;  // nohup
+    before_.emplace_back(signal, now);
+    return true;
+  }
+  void giveBack() {
+    for (const auto& [signal, action] : before_) ::sigaction(signal, &action, nullptr);
+    before_.clear();
+  }
+  bool empty() const { return before_.empty(); }
+
+ private:
+  std::vector<std::pair<int, struct sigaction>> before_;
+};
+
 }  // namespace
 
 Connection::Connection(ServerCore& core) : core_(core) { core_.connections.insert(this); }
@@ -122,6 +148,7 @@ struct Server::Implementation {
   asio::io_context io{1};  // destroyed before what the connections that are still in it use
   Acceptor acceptor{io};
   Timer pause{io}, goodbye{io};
+  SignalsBefore signals_before;  // given back after Asio has let go of them
   Signals signals{io};
 
   void give(Order&& order) {
@@ -193,13 +220,24 @@ struct Server::Implementation {
     for (const auto& connection : all) action(*connection);
   }
 
+  void takeSignals() {
+    if (!signals_before.empty()) return;
+    for (const int signal : {SIGINT, SIGTERM, SIGHUP}) {
+      if (signals_before.remember(signal)) signals.add(signal);
+    }
+    signals.async_wait([this](Error error, int) {
+      if (!error) beginStop();
+    });
+  }
+
   void beginStop() {
     if (core.stopping) return;
     core.stopping = true;
     Error ignored;
     acceptor.close(ignored);
     pause.cancel();
-    signals.cancel(ignored);
+    signals.clear(ignored);
+    signals_before.giveBack();
     obey();  // what was said before stop() goes before the goodbye
     forAllConnections([](Connection& c) { c.finish(); });
     cutWhenLate();
@@ -252,13 +290,6 @@ Server::Server(const ServerOptions& options, std::vector<StaticFile> files, std:
   }
   self.core.session_json = std::move(session_json);
   self.core.handlers = std::move(handlers);
-  if (options.stop_on_signals) {  // from here on, so that none is missed before run()
-    self.signals.add(SIGINT);
-    self.signals.add(SIGTERM);
-    self.signals.async_wait([&self](Error error, int) {
-      if (!error) self.beginStop();
-    });
-  }
 }
 
 Server::~Server() = default;
@@ -281,8 +312,11 @@ void Server::addFile(const std::string& file, const std::string& url_path, const
   implementation_->core.disk_files.insert_or_assign(url_path, DiskFile{file, content_type});
 }
 
+void Server::stopOnSignals() { implementation_->takeSignals(); }
+
 void Server::run() {
   Implementation& self = *implementation_;
+  if (self.core.options.stop_on_signals) self.takeSignals();
   struct Ending {
     Implementation& self;
     ~Ending() {

@@ -22,7 +22,7 @@ struct ServerOptions {
   int max_viewers = 16;               ///< one more is told so and closed
   std::size_t max_surface_bytes = protocol::kMaxSurfaceBytes;  ///< of POST /surface
   double idle_timeout = 30.0;    ///< connection that sends nothing sensible for so long is closed [s], at least 0.01
-  bool stop_on_signals = false;  ///< SIGINT and SIGTERM do what stop() does
+  bool stop_on_signals = false;  ///< run() begins with stopOnSignals()
 };
 
 /// What the server tells its owner. All are called on the server's thread, one at a time: what they take is time that
@@ -68,12 +68,16 @@ class Server {
   void addFile(const std::string& file, const std::string& url_path,
                const std::string& content_type = "application/octet-stream");
 
+  /// From now on the first SIGINT, SIGTERM or (unless ignored) SIGHUP does what stop() does; later ones what they did
+  /// before. Before run() only.
+  void stopOnSignals();
+
   /// Serves until stop(), on the calling thread; once only. Viewers are told that the server goes.
   void run();
 
   // The rest may be called from any thread, and never waits for a viewer or for the network.
 
-  /// Ends run() within about a second. Not for signal handlers: see ServerOptions::stop_on_signals.
+  /// Ends run() within about a second. Not for signal handlers: see stopOnSignals().
   void stop();
 
   /// A new generation: messages (binary?, bytes), for all who are there and, after `welcome`, for all who come. Frames
