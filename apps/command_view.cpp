@@ -112,6 +112,7 @@ void view(const ViewOptions& options) {
   handlers.surface = [&run](const std::string& name, std::string&& body, bool place) {
     return run.surface(name, std::move(body), place);
   };
+  handlers.stopping = [&run] { run.askToStop(); };
   const ServerOptions server_options = options.serve.server();
   Server server(server_options, pageFiles(),
                 sessionMessage({"view", server_options.version, config.name, server_options.max_surface_bytes}),

@@ -154,7 +154,8 @@ def export_writes_surface_and_mesh_at_any_time(context):
     context.succeeds(["export", context.out, "--mesh", file, "--time", "1.2", "--body", "column"])
     stands = json.loads(with_vtk("vtk_series.py", file))
     expect(near(stands["point"]["contact_force"]["sum"][2], WEIGHT, 1e-3), f"{stands['point']['contact_force']}")
-    expect(info_of(context, file)["file"] == "96 tetrahedra, 45 nodes", "its own file is read differently")
+    said = info_of(context, file)
+    expect(said["tetrahedra"].startswith("96,") and said["nodes"].startswith("45,"), "its own file is read differently")
 
 
 @case

@@ -7,9 +7,11 @@
 #include <chrono>
 #include <cmath>
 #include <limits>
+#include <memory>
 #include <stdexcept>
 #include <string>
 #include <thread>
+#include <utility>
 #include <vector>
 
 #include "palpate/scene/reader.h"
@@ -130,12 +132,70 @@ struct Watched {
   double largestChange(double from, double dt) const {
     double most = 0;
     for (std::size_t k = 1; k < ticks.size(); ++k) {
-      if (ticks[k].time < from || ticks[k].time - ticks[k - 1].time > 1.5 * dt) continue;
+      if (ticks[k].time <= from || ticks[k].time - ticks[k - 1].time > 1.5 * dt) continue;
       most = std::max(most, (ticks[k].sent - ticks[k - 1].sent).head<3>().norm());
     }
     return most;
   }
+  /// What tools/figures makes a table of. @param from  time of the last tick before the fault [s]
+  void tell(double from, double dt) const {
+    const auto milli = [](double x) { return static_cast<int>(std::lround(1e3 * x)); };
+    const auto at = std::find_if(ticks.begin(), ticks.end(), [&](const TickRecord& r) { return r.time >= from; });
+    const auto zero = std::find_if(at, ticks.end(), [](const TickRecord& r) { return r.sent.isZero(0.0); });
+    if (zero == ticks.end()) return;
+    testing::Test::RecordProperty("force_mN", milli(at->sent.head<3>().norm()));
+    testing::Test::RecordProperty("zero_after_ms", milli(zero->time - from));
+    testing::Test::RecordProperty("largest_change_mN", milli(largestChange(from, dt)));
+  }
 };
+
+/// A device that hangs once, in sample(), while a hand pushes with force.
+class Hanging final : public Device {
+ public:
+  Hanging(std::unique_ptr<Device> real, std::chrono::milliseconds time) : real_(std::move(real)), time_(time) {}
+  const char* name() const noexcept override { return "hanging"; }
+  DeviceLimits limits() const noexcept override { return real_->limits(); }
+  void begin(const Vec6& wrench) noexcept override { real_->begin(wrench); }
+  DeviceState sample(double t) noexcept override {
+    if (hung_ < 0 && t > 0.6 && force_ > 0.3) {
+      hung_ = t;
+      std::this_thread::sleep_for(time_);
+    }
+    return real_->sample(t);
+  }
+  void apply(const Vec6& wrench, double t, double dt) noexcept override {
+    force_ = wrench.head<3>().norm();
+    real_->apply(wrench, t, dt);
+  }
+  double hung() const { return hung_; }
+
+ private:
+  std::unique_ptr<Device> real_;
+  std::chrono::milliseconds time_;
+  double force_ = 0, hung_ = -1;
+};
+
+// The haptic loop comes back after a time in which anything may have happened.
+TEST(RealtimeLoops, HapticLoopStands) {
+  SceneConfig config = cube();
+  config.duration = 3;
+  BuiltScene scene = buildScene(config);
+  auto device = std::make_unique<Hanging>(std::move(scene.device), std::chrono::milliseconds(400));
+  const Hanging& hanging = *device;
+  scene.device = std::move(device);
+  Watched watched;
+  const RunOutcome outcome = runRealtime(scene, timingOf(config), watched.sink());
+  ASSERT_GT(hanging.hung(), 0.0);
+  const auto after = std::find_if(watched.ticks.begin(), watched.ticks.end(),
+                                  [&](const TickRecord& r) { return r.time > hanging.hung() + 0.3; });
+  ASSERT_NE(after, watched.ticks.end());
+  EXPECT_TRUE(after->flags.has(TickFlag::gap));
+  EXPECT_EQ(after->sent, Vec6(Vec6::Zero()));
+  EXPECT_GE(outcome.most_missed, 390u);
+  EXPECT_LE(watched.largestChange(after->time, config.haptic_step),
+            scene.haptic.safety.max_slew * config.haptic_step * 1.001);
+  watched.tell(hanging.hung() + config.haptic_step / 2, config.haptic_step);
+}
 
 // Told to end, the force leaves within the safety stage's time; nothing of the run is lost.
 TEST(RealtimeLoops, ForceLeavesWhenToldToEnd) {
@@ -156,6 +216,7 @@ TEST(RealtimeLoops, ForceLeavesWhenToldToEnd) {
   EXPECT_EQ(watched.ticks.size(), outcome.ticks);
   EXPECT_EQ(watched.ticks.back().sent, Vec6(Vec6::Zero()));
   EXPECT_GT(outcome.counters[TickFlag::fading], 0u);
+  watched.tell(told, config.haptic_step);
   if (outcome.missed == 0) {
     EXPECT_LT(watched.ticks.back().time, told + scene.haptic.safety.end_fade + 0.1);
   }
@@ -168,15 +229,18 @@ TEST(RealtimeLoops, VisualLoopThrows) {
   BuiltScene scene = buildScene(config);
   Watched watched;
   RunSink sink = watched.sink();
-  int steps = 0;
-  sink.stepped = [&](const World&, const VisualRecord&) {
-    if (++steps == 10) throw std::runtime_error("no more steps");
+  double thrown = 0;
+  sink.stepped = [&](const World&, const VisualRecord& r) {
+    if (r.time < 0.6) return;
+    thrown = r.time;
+    throw std::runtime_error("no more steps");
   };
   const RunOutcome outcome = runRealtime(scene, timingOf(config), sink);
   EXPECT_EQ(outcome.failure, "no more steps");
   ASSERT_FALSE(watched.ticks.empty());
   EXPECT_EQ(watched.ticks.back().sent, Vec6(Vec6::Zero()));
   EXPECT_EQ(watched.ticks.size(), outcome.ticks);
+  watched.tell(thrown, config.haptic_step);
 }
 
 // A step that takes far too long: the watchdog takes the force away, and brings it back without a jump.
@@ -206,6 +270,7 @@ TEST(RealtimeLoops, VisualLoopStalls) {
   EXPECT_GT(quiet, 0);
   EXPECT_LE(watched.largestChange(0, config.haptic_step), scene.haptic.safety.max_slew * config.haptic_step * 1.001);
   EXPECT_GT(outcome.counters[TickFlag::model_stale], 0u);
+  watched.tell(stalled, config.haptic_step);
 }
 
 class Counting : public Executor {

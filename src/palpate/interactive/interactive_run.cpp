@@ -541,12 +541,16 @@ void InteractiveRun::start() {
   });
 }
 
-void InteractiveRun::stop() {
+void InteractiveRun::askToStop() {
   {
     const std::lock_guard lock(impl_->mutex);
     impl_->stopping = true;
   }
   impl_->wake.notify_one();
+}
+
+void InteractiveRun::stop() {
+  askToStop();
   if (impl_->thread.joinable()) impl_->thread.join();
 }
 

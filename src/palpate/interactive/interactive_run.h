@@ -61,6 +61,8 @@ class InteractiveRun {
 
   /// Builds the scene and starts it. @throws what building it throws
   void start();
+  /// Begins what stop() does, from any thread, and returns at once.
+  void askToStop();
   /// Ends the loops, a scene that is being built too, and completes a recording.
   void stop();
   /// After stop(): why a recording ended before it was told to, for people; empty: none did.

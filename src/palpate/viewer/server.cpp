@@ -238,6 +238,7 @@ struct Server::Implementation {
     pause.cancel();
     signals.clear(ignored);
     signals_before.giveBack();
+    if (core.handlers.stopping) core.handlers.stopping();
     obey();  // what was said before stop() goes before the goodbye
     forAllConnections([](Connection& c) { c.finish(); });
     cutWhenLate();

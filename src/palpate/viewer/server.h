@@ -36,6 +36,8 @@ struct ServerHandlers {
   /// @param place  it is to be shown and placed first (&place=1)
   /// @return nothing where it is taken (202), else what is wrong with it, for people (400)
   std::function<std::optional<std::string>(const std::string& name, std::string&& body, bool place)> surface;
+  /// The server begins to stop: viewers are about to be told, which takes up to a second.
+  std::function<void()> stopping;
 };
 
 /// A file of the page, from the program itself.
