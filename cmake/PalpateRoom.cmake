@@ -11,6 +11,8 @@ if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
   # GCC 12 gives false alarms inside its own AVX-512 headers, Eigen and std::string (GCC bugs 105593, 105651)
   target_compile_options(palpate_options INTERFACE -Wno-maybe-uninitialized -Wno-uninitialized -Wno-restrict
                                                    -Wno-array-bounds -Wno-stringop-overread -Wno-stringop-overflow)
+  # takes a source that is compiled with others of its room for a header
+  target_compile_options(palpate_options INTERFACE -Wno-subobject-linkage)
   # for a gigabyte more, no time for collecting garbage
   target_compile_options(palpate_options INTERFACE --param=ggc-min-heapsize=1000000)
 endif()

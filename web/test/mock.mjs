@@ -241,7 +241,7 @@ class Run {
     this.bodies = [{ ...makeRigid([0, 0, 0.075], 0.075), flags: 3 }];
     this.nodes = this.bodies[0].nodes;
     this.stress = [0, 0, 0, 0];
-    this.placing = { name, extent: [8, 8, 8], size: 0.15 };
+    this.placing = { name, extent: [0.08, 0.08, 0.08], size: 0.15 };
     this.before = before;
   }
 
