@@ -6,6 +6,7 @@
 
 #include "palpate/common/error.h"
 #include "palpate/fem/polar.h"
+#include "palpate/fem/stress.h"
 #include "palpate/record/json_file.h"
 #include "palpate/record/output_folder.h"
 
@@ -44,9 +45,7 @@ Mat3 stressOf(const RecordedBody& body, std::size_t t, const std::vector<float>&
   if (!(std::abs(rest.determinant()) > 0)) return Mat3::Zero();
   const Mat3 gradient = now * rest.inverse();
   const Mat3 rotation = polarRotation(gradient, Mat3::Identity());
-  const Mat3 turned = rotation.transpose() * gradient;
-  const Mat3 strain = 0.5 * (turned + turned.transpose()) - Mat3::Identity();
-  const Mat3 stress = stiffness * (body.lambda[t] * strain.trace() * Mat3::Identity() + 2.0 * body.mu[t] * strain);
+  const Mat3 stress = stiffness * corotationalStress(rotation.transpose() * gradient, body.lambda[t], body.mu[t]);
   return rotation * stress * rotation.transpose();
 }
 
@@ -61,8 +60,7 @@ void addStress(const RecordedBody& body, const std::vector<float>& nodes, double
     const Mat3 s = stressOf(body, t, nodes, stiffness);
     for (const double v : {s(0, 0), s(1, 1), s(2, 2), s(0, 1), s(1, 2), s(0, 2)})
       out.stress.push_back(static_cast<float>(v));
-    const Mat3 deviator = s - s.trace() / 3.0 * Mat3::Identity();
-    out.cell_von_mises.push_back(static_cast<float>(std::sqrt(1.5) * deviator.norm()));
+    out.cell_von_mises.push_back(static_cast<float>(vonMises(s)));
   }
 }
 

@@ -3,10 +3,10 @@
 #include <algorithm>
 #include <array>
 #include <bit>
-#include <cmath>
 #include <nlohmann/json.hpp>
 
 #include "palpate/contact/obstacle.h"
+#include "palpate/fem/stress.h"
 #include "palpate/haptics/coupling.h"
 #include "palpate/protocol/byte_writer.h"
 #include "palpate/protocol/layout.h"
@@ -82,11 +82,6 @@ Vec3 contactForce(const World& world, std::size_t c) {
   const Contact& contact = set.contacts[c];
   const double h = world.body(contact.first.body).system.input().step;
   return contact.frame().transpose() * set.impulse.segment<3>(3 * static_cast<Eigen::Index>(c)) / h;
-}
-
-double vonMises(const Mat3& s) {
-  const Mat3 deviator = s - s.trace() / 3.0 * Mat3::Identity();
-  return std::sqrt(1.5) * deviator.norm();
 }
 
 float stateNumber(ContactState state) {
@@ -266,8 +261,9 @@ std::string stepExtra(const World& world) {
   for (std::size_t c = glued; c < contacts.size(); ++c) {
     out.u32(static_cast<std::uint32_t>(contacts[c].first.body));
     out.u32(static_cast<std::uint32_t>(contacts[c].second.body));
-    spread(contacts[c].first, contactForce(world, c));
-    spread(contacts[c].second, -contactForce(world, c));
+    const Vec3 force = contactForce(world, c);
+    spread(contacts[c].first, force);
+    spread(contacts[c].second, -force);
   }
   out.u32(forces.size());
   for (const auto& [node, force] : forces) out.u32(node);
@@ -291,9 +287,8 @@ void StateReader::readStress(const World& world, std::vector<float>& out) const 
     for (std::size_t t = 0; t < elements.size() && !body.model.isRigid(); ++t) {
       const ElasticElement& e = elements[t];
       const Mat3 g = rotations[t].transpose() * e.deformationGradient(body.state.positions);
-      const Mat3 strain = 0.5 * (g + g.transpose()) - Mat3::Identity();
       const double filled = filled_[i][t];
-      const Mat3 unscaled = (e.lambda * strain.trace() * Mat3::Identity() + 2.0 * e.mu * strain) / filled;
+      const Mat3 unscaled = corotationalStress(g, e.lambda, e.mu) / filled;
       const Mat3 stress = elastic.stiffness_scale * unscaled;
       const double value = filled * vonMises(stress);
       for (const int node : e.node) {
