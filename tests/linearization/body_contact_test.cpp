@@ -158,7 +158,8 @@ Attachment gluedAt(const BodyModel& body, double height) {
   return out;
 }
 
-// A soft block that is glued to another one, whose mesh is coarser, and this to a rigid plate on the ground.
+// A soft block that is glued to another one, whose mesh is coarser, and this to a rigid plate, upon a foot on the
+// ground.
 Situation onGluedBlocks(bool slide) {
   Situation s{emptyWorld(), slide ? kRub : kPress};
   s.world.add(heldCubeBody(0.0405));
@@ -168,10 +169,19 @@ Situation onGluedBlocks(bool slide) {
   lower.attach(gluedAt(lower, 0.01));
   s.world.add(std::move(upper));
   s.world.add(std::move(lower));
-  const Pose pose{Vec3(0.03, 0.03, 0.005), Quat::Identity()};
-  s.world.add(BodyModel::rigid("plate", placed(boxSurface({0.07, 0.07, 0.01}), pose), 800, 2.0));
+  // not on the ground: how the friction under its corners is shared out is anybody's choice, and has no derivative
+  BodyModel foot("foot", moved(barMesh({0.06, 0.06, 0.005}, {2, 2, 1}), at({0, 0, 0.001})), soft(1e5));
+  Attachment floor = gluedAt(foot, 0.001);
+  floor.name = "floor";
+  floor.glued = false;
+  foot.attach(std::move(floor));
+  foot.attach(gluedAt(foot, 0.006));
+  const Pose pose{Vec3(0.03, 0.03, 0.008), Quat::Identity()};
+  s.world.add(BodyModel::rigid("plate", placed(boxSurface({0.07, 0.07, 0.004}), pose), 800));
+  s.world.add(std::move(foot));
   s.world.glue(1, 0, 2);
   s.world.glue(2, 0, 3);
+  s.world.glue(4, 1, 3);
   return s;
 }
 

@@ -241,6 +241,34 @@ TEST(Glue, TouchesBesideTheJoint) {
   for (const int n : tip_nodes) EXPECT_GT(world.body(1).state.positions[3 * n + 2], 0.009);
 }
 
+// What a large joint costs in every step is no sign of a hard one: nothing is given up, done again or cut.
+TEST(Glue, ALargeJointLeavesTheBudgetToContact) {
+  constexpr double kSpan = 0.06, kHeight = 0.015;  // [m]
+  const auto slab = [&](const std::string& name, double z) {
+    return BodyModel(name, moved(barMesh({kSpan, kSpan, kHeight}, {8, 8, 2}), at({0, 0, z})), material(5e4));
+  };
+  World world;
+  world.gravity = {0, 0, -kDown};
+  BodyModel low = slab("low", 0), high = slab("high", kHeight);
+  low.attach(fixed(low, [](const Vec3& x) { return x.z() < 1e-9; }));
+  high.attach(glued(high, [&](const Vec3& x) { return x.z() < kHeight + 1e-9; }));
+  world.add(std::move(low));
+  world.add(std::move(high));
+  world.add(box(Kind::rigid, "load", {0.02, 0.02, 0.01}, at({0.03, 0.03, 2 * kHeight + 0.006})));
+  world.glue(1, 0, 0);
+  world.budget = StepBudget::counted(0.003);
+  int touched = 0;
+  for (int n = 0; n < 20; ++n) {
+    const StepReport report = world.step({}, 0.01);
+    ASSERT_EQ(report.status, StepStatus::ok) << "step " << n;
+    touched += report.active > 0 ? 1 : 0;
+    if (n == 0) continue;  // orders nodes, and meets the load
+    EXPECT_EQ(report.redone, 0) << "step " << n;
+    EXPECT_EQ(report.motion_share, 1.0) << "step " << n;
+  }
+  EXPECT_GT(touched, 5);
+}
+
 // A world that goes on from a saved state does the same to the bit.
 TEST(Glue, StateIsSavedAndRestored) {
   const auto make = [] {

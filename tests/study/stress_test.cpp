@@ -75,6 +75,39 @@ TEST(SelfIntersections, AgreeWithEachPairByItself) {
   EXPECT_EQ(pairs, expected);
 }
 
+TEST(SelfIntersections, LeaveOutWhatIsExcluded) {
+  Surface ball = sphereSurface(1, 2);
+  for (Vec3& p : ball.vertices) {
+    if (p.z() > 0.5) p.z() -= 4.2 * (p.z() - 0.5);
+  }
+  // groups of a few vertices; a third of their pairs are excluded
+  const int count = static_cast<int>(ball.vertices.size()), groups = (count + 3) / 4;
+  std::vector<int> group, offset{0}, neighbor;
+  for (int v = 0; v < count; ++v) group.push_back(v / 4);
+  for (int g = 0; g < groups; ++g) {
+    for (int h = 0; h < groups; ++h) {
+      if ((g + h) % 3 == 0) neighbor.push_back(h);
+    }
+    offset.push_back(static_cast<int>(neighbor.size()));
+  }
+  std::vector<int> clusters;  // small ones, some of which are excluded as wholes
+  for (const auto& t : ball.triangles) clusters.push_back(group[static_cast<std::size_t>(t[0])]);
+  const CollisionSurface surface(ball, clusters);
+  const SelfExclusion exclusion(surface, group, offset, neighbor);
+  std::vector<std::array<int, 2>> all, left;
+  findSelfIntersections(surface, all);
+  findSelfIntersections(surface, left, &exclusion);
+  EXPECT_LT(left.size(), all.size());
+  EXPECT_FALSE(left.empty());
+  std::erase_if(all, [&](const auto& pair) {
+    return exclusion.excludes(surface.triangles()[static_cast<std::size_t>(pair[0])],
+                              surface.triangles()[static_cast<std::size_t>(pair[1])]);
+  });
+  std::sort(all.begin(), all.end());
+  std::sort(left.begin(), left.end());
+  EXPECT_EQ(left, all);
+}
+
 TEST(SelfIntersections, AreNotFoundInFlatFacesOrAtRest) {
   std::vector<std::array<int, 2>> pairs;
   Surface box = boxSurface(Vec3(0.06, 0.04, 0.03), {9, 7, 5});

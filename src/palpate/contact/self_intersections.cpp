@@ -58,7 +58,13 @@ bool intersect(const Triangle& t, const Triangle& u) {
 }
 
 // Of two clusters, or of one with itself.
-void intersectClusters(const CollisionSurface& s, int c, int d, std::vector<std::array<int, 2>>& out) {
+void intersectClusters(const CollisionSurface& s, int c, int d, const SelfExclusion* exclusion,
+                       std::vector<std::array<int, 2>>& out) {
+  if (exclusion != nullptr && exclusion->excludesClusters(c, d)) return;
+  const auto excluded = [&](int t, int u) {
+    return exclusion != nullptr &&
+           exclusion->excludes(s.triangles()[static_cast<std::size_t>(t)], s.triangles()[static_cast<std::size_t>(u)]);
+  };
   const auto boxes_c = s.triangleBoxes(c), boxes_d = s.triangleBoxes(d);
   const auto triangles_c = s.trianglesOfCluster(c), triangles_d = s.trianglesOfCluster(d);
   MovingBox around = boxes_d.front();
@@ -68,16 +74,18 @@ void intersectClusters(const CollisionSurface& s, int c, int d, std::vector<std:
     for (std::size_t j = c == d ? i + 1 : 0; j < boxes_d.size(); ++j) {
       const int t = triangles_c[i], u = triangles_d[j];
       if (!overlapAtStart(boxes_c[i], boxes_d[j]) || shareVertex(s, t, u)) continue;
-      if (intersect(triangleAt(s, t), triangleAt(s, u))) out.push_back({std::min(t, u), std::max(t, u)});
+      if (!intersect(triangleAt(s, t), triangleAt(s, u)) || excluded(t, u)) continue;
+      out.push_back({std::min(t, u), std::max(t, u)});
     }
   }
 }
 
 }  // namespace
 
-void findSelfIntersections(const CollisionSurface& surface, std::vector<std::array<int, 2>>& out) {
+void findSelfIntersections(const CollisionSurface& surface, std::vector<std::array<int, 2>>& out,
+                           const SelfExclusion* exclusion) {
   if (surface.nodes().empty()) return;
-  meetingClusters(surface, surface, [&](int c, int d) { intersectClusters(surface, c, d, out); });
+  meetingClusters(surface, surface, [&](int c, int d) { intersectClusters(surface, c, d, exclusion, out); });
 }
 
 }  // namespace palpate

@@ -55,6 +55,15 @@ std::array<Vec3, 4> gradients(const std::array<Vec3, 4>& x) {
   return g;
 }
 
+// Volume of a tetrahedron for the cube of its size.
+double fullness(const std::array<Vec3, 4>& x) {
+  const Vec3 a = x[1] - x[0];
+  const Vec3 b = x[2] - x[0];
+  const Vec3 c = x[3] - x[0];
+  const double size = std::max({a.norm(), b.norm(), c.norm(), (b - a).norm(), (c - a).norm(), (c - b).norm()});
+  return std::abs(a.dot(b.cross(c))) / (size * size * size);
+}
+
 // The direction in which two overlapping surfaces are to be moved apart. Nearest exits differ from point to point, near
 // an edge by right angles, and would hold the surfaces in each other. Where there is a common one, points that leave in
 // another direction wait: they are examined again in the next step.
@@ -107,7 +116,7 @@ void SurfaceContacts::addBody(int body, const SimulationMesh& mesh, bool self) {
   for (std::size_t n = 0; n < mesh.mesh.nodes.size(); ++n) {
     item.start.segment<3>(static_cast<Eigen::Index>(3 * n)) = mesh.mesh.nodes[n];
   }
-  item.end = item.start;
+  item.rest = item.end = item.start;
   item.end_placed = false;
   if (self) item.exclusion = excludeNeighbors(item.surface, item.patch, mesh.mesh);
   if (clusters.empty()) {
@@ -284,14 +293,12 @@ void SurfaceContacts::restore(const SurfaceContactsState& state) {
 void SurfaceContacts::findTangle(Item& item) {
   refit(item);
   crossings_.clear();
-  findSelfIntersections(item.surface, crossings_);
-  item.tangled = false;
+  findSelfIntersections(item.surface, crossings_, &item.exclusion);  // the others are never contacts
+  item.tangled = !crossings_.empty();
   item.crossed.assign(item.surface.start.size(), 0);
   for (const auto& [t, u] : crossings_) {
     const auto& first = item.surface.triangles()[static_cast<std::size_t>(t)];
     const auto& second = item.surface.triangles()[static_cast<std::size_t>(u)];
-    if (item.exclusion.excludes(first, second)) continue;  // never a contact
-    item.tangled = true;
     for (const auto* triangle : {&first, &second}) {
       for (const int v : *triangle) item.crossed[static_cast<std::size_t>(v)] = 1;
     }
@@ -368,6 +375,22 @@ ContactPoint SurfaceContacts::point(const Item& item, const std::array<int, 3>& 
   return out;
 }
 
+// In a tetrahedron that is pressed flat a small offset is a multiple of its height, and its nodes' motion would say
+// more of the contact than the surface's own: a moment is then the lesser evil.
+double SurfaceContacts::shareOfShift(const Item& item, const int* node, const std::array<Vec3, 4>& x,
+                                     const std::array<Vec3, 4>& gradient, const Vec3& offset) {
+  constexpr double kMost = 0.15;                 // sum of weights
+  constexpr double kPressed = 0.4, kWell = 0.7;  // of the height for its size that it has at rest
+  double sum = 0;
+  for (const Vec3& g : gradient) sum += std::abs(g.dot(offset));
+  if (sum <= kMost) return 1.0;
+  std::array<Vec3, 4> built;
+  for (int k = 0; k < 4; ++k) built[k] = item.rest.segment<3>(3 * node[k]);
+  const double well =
+      std::clamp((fullness(x) / std::max(fullness(built), 1e-12) - kPressed) / (kWell - kPressed), 0.0, 1.0);
+  return well + (1.0 - well) * kMost / sum;
+}
+
 // Moves the point off the surface by a little, along with the tetrahedron of one of its vertices. So both bodies'
 // points of a contact lie at the same place, and equal and opposite impulses have no moment.
 void SurfaceContacts::shift(const Item& item, int vertex, const Vec3& offset, ContactPoint& point) {
@@ -376,7 +399,8 @@ void SurfaceContacts::shift(const Item& item, int vertex, const Vec3& offset, Co
   std::array<Vec3, 4> x;
   for (int k = 0; k < 4; ++k) x[k] = item.start.segment<3>(3 * node[k]);
   const std::array<Vec3, 4> g = gradients(x);
-  for (int k = 0; k < 4; ++k) point.add(node[k], g[k].dot(offset));
+  const double share = shareOfShift(item, node, x, g, offset);
+  for (int k = 0; k < 4; ++k) point.add(node[k], share * g[k].dot(offset));
 }
 
 void SurfaceContacts::add(std::size_t ia, std::size_t ib, const FeaturePair& pair, const ContactSettings& settings,

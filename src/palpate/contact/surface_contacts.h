@@ -94,6 +94,7 @@ class SurfaceContacts {
     EmbeddingMap embedding;     // of the vertices
     std::vector<int> patch;     // of each vertex: what moves affinely
     double extension = 1;       // largest sum of a vertex's absolute weights
+    VecX rest;                  // node positions, as built
     VecX start, end;            // node positions
     bool end_placed = true;     // the surface's end is that of the nodes
     bool end_bounded = false;   // and so are its bounds
@@ -122,6 +123,8 @@ class SurfaceContacts {
   static FeaturePair pairAtStart(const ContactFeatures& features, const CollisionSurface& a, const CollisionSurface& b);
   static bool facesOutward(const Item& a, const Item& b, const FeaturePair& pair);
   static ContactPoint point(const Item& item, const std::array<int, 3>& vertex, const std::array<double, 3>& weight);
+  static double shareOfShift(const Item& item, const int* node, const std::array<Vec3, 4>& x,
+                             const std::array<Vec3, 4>& gradient, const Vec3& offset);
   static void shift(const Item& item, int vertex, const Vec3& offset, ContactPoint& point);
   void findSelf(std::size_t i, const ContactSettings& settings, const FrictionTable& friction,
                 std::vector<Contact>& out);

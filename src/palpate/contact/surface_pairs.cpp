@@ -47,27 +47,45 @@ void SurfacePairFinder::search(PairSearch& s) {
           ? static_cast<int>(std::clamp(std::ceil(0.5 * ratio), 1.0, static_cast<double>(settings_.max_pieces)))
           : 1;
   meeting_.clear();
-  PairFront* const front = s.front;
-  if (s.front != nullptr && pieces == 1) {
+  counted_ = pieces == 1;
+  if (s.front != nullptr) {
     continueFrom(*s.front, s);
+  } else {
+    descendFromRoots(s);
+  }
+  if (pieces == 1) {
     testMeetingClusters(s);
   } else {
-    s.front = nullptr;
-    for (int i = 0; i < pieces; ++i) {
-      s.from = static_cast<double>(i) / pieces;
-      s.to = static_cast<double>(i + 1) / pieces;
-      descendFromRoots(s);
-      testMeetingClusters(s);
-      if (s.first_hit <= s.to || gave_up_) break;
-    }
+    testInPieces(s, pieces);
   }
-  if (gave_up_ && front != nullptr) front->forget();
+  if (gave_up_ && s.front != nullptr) s.front->forget();
   // each pair of features comes once
   std::sort(s.out->begin() + static_cast<std::ptrdiff_t>(begin), s.out->end(),
             [](const FeaturePair& p, const FeaturePair& q) {
               return std::tuple(p.kind, p.first_feature, p.second_feature) <
                      std::tuple(q.kind, q.first_feature, q.second_feature);
             });
+}
+
+// The clusters that meet at any time, in one piece of time after the other, up to the first hit.
+void SurfacePairFinder::testInPieces(PairSearch& s, int pieces) {
+  on_the_way_.swap(meeting_);
+  if (s.front != nullptr) {
+    for (const Meeting& m : on_the_way_) s.front->addMeeting(m.leaves);
+  }
+  PairSearch piece = s;
+  piece.front = nullptr;
+  for (int i = 0; i < pieces; ++i) {
+    piece.from = static_cast<double>(i) / pieces;
+    piece.to = static_cast<double>(i + 1) / pieces;
+    meeting_.clear();
+    for (const Meeting& m : on_the_way_) {
+      if (piece.meet(s.a.nodeBox(m.leaves.a), s.b.nodeBox(m.leaves.b))) meeting_.push_back(m);
+    }
+    tooMany();
+    testMeetingClusters(piece);
+    if (piece.first_hit <= piece.to || gave_up_) break;
+  }
 }
 
 void SurfacePairFinder::continueFrom(PairFront& front, PairSearch& s) {
@@ -110,7 +128,7 @@ bool SurfacePairFinder::tooMany() {
 void SurfacePairFinder::descend(PairSearch& s, NodePair root) {
   stack_.clear();
   stack_.push_back(root);
-  while (!stack_.empty() && !tooMany()) {
+  while (!stack_.empty() && !(counted_ && tooMany())) {
     const NodePair p = stack_.back();
     stack_.pop_back();
     if (!visit(s, p)) continue;

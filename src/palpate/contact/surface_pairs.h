@@ -73,6 +73,7 @@ class SurfacePairFinder {
 
   // surface_pairs.cpp: pieces of time, and the trees
   void search(PairSearch& s);
+  void testInPieces(PairSearch& s, int pieces);
   void continueFrom(PairFront& front, PairSearch& s);
   void descendFromRoots(PairSearch& s);
   void descend(PairSearch& s, NodePair root);
@@ -92,7 +93,8 @@ class SurfacePairFinder {
   double allowed_ = std::numeric_limits<double>::infinity(), tested_ = 0;
   bool gave_up_ = false;
   std::vector<NodePair> stack_;
-  std::vector<Meeting> meeting_;
+  std::vector<Meeting> meeting_, on_the_way_;
+  bool counted_ = true;                                 // all pairs that meet are tested
   std::vector<int> without_boxes_a_, without_boxes_b_;  // clusters whose triangles need boxes
   std::vector<Workspace> workspace_;
 };

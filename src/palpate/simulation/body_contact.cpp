@@ -110,11 +110,12 @@ void BodySystem::contactRows(const std::vector<Contact>& contacts, int self, con
 }
 
 double BodySystem::contactOperations(const BodyContactRows& rows) const {
-  // matrix products and triangular solves run at several times the speed of other work
-  constexpr double kWeight = 0.25;
-  const double columns = 3.0 * static_cast<double>(changed_.size());
-  const auto count = static_cast<double>(rows.rows()), last = 3.0 * static_cast<double>(last_nodes_.size());
-  return kWeight * columns * last * (last + count);
+  return rowOperations(3.0 * static_cast<double>(changed_.size()), static_cast<double>(rows.rows()));
+}
+
+double BodySystem::rowOperations(double changed, double rows) const {
+  const double last = 3.0 * static_cast<double>(last_nodes_.size());
+  return kDense * changed * last * (last + rows);
 }
 
 // All of it, from columns_.

@@ -109,6 +109,10 @@ class BodySystem {
   /// About what factorize() costs, and what the last contactRows() did for these rows [floating-point operations].
   double factorOperations() const { return model_->free().empty() ? 0.0 : factor_.statistics().flops; }
   double contactOperations(const BodyContactRows& rows) const;
+  /// The same of so many rows, of which some are new.
+  double rowOperations(double changed, double rows) const;
+  /// Matrix products and triangular solves run at several times the speed of other work: what one operation counts.
+  static constexpr double kDense = 0.25;
 
   /// Adds J v of the given contacts to the row velocities of all contacts, for the free motion.
   void addFreeRowVelocity(const std::vector<Contact>& contacts, const ContactRows& own, int self, VecX& velocity) const;

@@ -17,6 +17,7 @@ void ContactSet::begin(const std::vector<int>& moving) {
     own.known = 0;
   }
   solver = ContactSolverReport::nothing();
+  promising = 1;
   given_up = false;
   passes = 0;
   candidates = 0;

@@ -35,6 +35,7 @@ struct ContactSet {
   double penetration = 0;  ///< deepest point below a plane at the end, or of an overlap at the start of the step [m]
   bool crossing = false;   ///< the end velocities would carry a surface through another: the motion must be cut short
   ContactSolverReport solver;  ///< worst of the islands
+  double promising = 1;        ///< share of the step before so much would cross that passes hardly mend it
   bool given_up = false;       ///< looking for contacts would have cost more than was allowed
 
   /// Empty, for these bodies; keeps memory.

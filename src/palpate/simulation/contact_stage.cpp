@@ -11,9 +11,11 @@ namespace {
 
 constexpr double kFarOff = 0.1;           // thicknesses that a residual may mean in a step
 constexpr int kLastPasses = 4;            // in a try whose end is limited in any case
+constexpr int kLastNew = 8;               // as many times as many new places as in others
 constexpr double kLeastOperations = 1e6;  // of a solve, also where nothing is left: a tenth of a millisecond
 constexpr double kDeep = 0.5;             // thicknesses below a plane at which a motion is cut short
-constexpr double kLargestArc = 5.0;       // thicknesses by which a gap is corrected for the handle's turning
+constexpr double kLargestArc = 5.0;       // thicknesses by which a gap is corrected for what turns
+constexpr double kStill = 1e-3;           // thicknesses by which a pass that changes nothing moves a node
 
 const ContactFinder& finderOf(const BodySystem& body) { return body.model().contactFinder(); }
 
@@ -44,6 +46,7 @@ bool ContactStage::solve(const MovingBodies& bodies, const ContactInput& input, 
   int iterations = 0;
   double systems = 0;
   for (int b = 0; b < bodies.size(); ++b) systems += bodies[b].factorOperations();
+  systems += gluedOperations(bodies);
   const WorkShare work(input.work, input.share, systems);
   for (;;) {
     if (!set_.contacts.empty()) {
@@ -55,11 +58,21 @@ bool ContactStage::solve(const MovingBodies& bodies, const ContactInput& input, 
       break;
     }
     judge(settings);
+    if (set_.passes <= 1) set_.promising = promisingShare(mostNew(bodies) / 2);
+    const bool still = set_.passes > 1 && largestChange() < kStill * settings.thickness;
+    x_before_ = x_end_;
     // a solution that is far off says nothing about what else would touch
     const bool far_off = !set_.solver.converged && set_.solver.residual * h > kFarOff * settings.thickness;
-    if (far_off || work.left() <= 0 || set_.passes >= (input.share > 0 ? settings.max_passes : kLastPasses) ||
-        !addViolated())
+    if (far_off || still || work.left() <= 0 || set_.passes >= (input.share > 0 ? settings.max_passes : kLastPasses))
       break;
+    const auto [crossing, fresh] = findViolated();
+    if (violated_.empty()) break;
+    const bool first = set_.passes <= 1, need_not = input.share > 0;
+    if (need_not ? (first ? crossing : fresh) > mostNew(bodies) : !first && fresh > kLastNew * mostNew(bodies)) {
+      set_.given_up = true;
+      break;
+    }
+    addViolated(bodies, settings);
   }
   if (set_.contacts.empty()) set_.islands.clear();
   set_.candidates = std::max(set_.candidates, static_cast<int>(candidates_.size()));
@@ -181,6 +194,21 @@ void ContactStage::takeGlued(const MovingBodies& bodies, const ContactInput& inp
   }
 }
 
+// What it costs to take out what is glued: as the bodies' systems do, it costs that in any try.
+double ContactStage::gluedOperations(const MovingBodies& bodies) const {
+  if (set_.glued == 0) return 0;
+  const double all = 3.0 * set_.glued;
+  double sum = BodySystem::kDense * all * all * all / 3;
+  for (int b = 0; b < bodies.size(); ++b) {
+    double own = 0;
+    for (int i = 0; i < set_.glued; ++i) {
+      if (bodies.slot(set_.contacts[i].first) == b || bodies.slot(set_.contacts[i].second) == b) own += 3;
+    }
+    sum += bodies[b].rowOperations(own, own);
+  }
+  return sum;
+}
+
 // What no impulse can move has nothing to solve: where nodes that are fixed to the world lie in an obstacle.
 void ContactStage::dropImmovable(const MovingBodies& bodies) {
   bool fixed = false;
@@ -229,25 +257,91 @@ void ContactStage::choose(const MovingBodies& bodies, const ContactInput& input,
   }
 }
 
-// The deepest violated point of each patch; a contact that is there already is linearized anew where it now is.
-bool ContactStage::addViolated() {
+// More places than these that would cross after the first pass: the motion says little about where contact will be, and
+// passes would add them all, and others next time. The more nodes a body has, the more may touch at once.
+int ContactStage::mostNew(const MovingBodies& bodies) {
+  constexpr int kLeast = 40, kShare = 5, kOfRigid = 400;
+  constexpr int kNone = std::numeric_limits<int>::max();
+  int nodes = kNone;
+  for (int b = 0; b < bodies.size(); ++b) {
+    if (!bodies[b].model().isRigid()) nodes = std::min(nodes, bodies[b].model().nodes());
+  }
+  return nodes < kNone ? std::max(kLeast, nodes / kShare) : kOfRigid;
+}
+
+// Of the motion: before so many places would cross.
+double ContactStage::promisingShare(int places) {
+  std::vector<std::pair<double, std::uint64_t>>& times = crossing_times_;
+  times.clear();
+  for (const Contact& c : candidates_) {
+    if (c.crosses()) times.emplace_back(c.impact_time, contactKey(static_cast<std::uint64_t>(c.partner), c.patch));
+  }
+  if (static_cast<int>(times.size()) <= places) return 1.0;
+  std::sort(times.begin(), times.end());
+  found_.clear();
+  for (const auto& [time, place] : times) {
+    const auto at = std::lower_bound(found_.begin(), found_.end(), place);
+    if (at != found_.end() && *at == place) continue;
+    found_.insert(at, place);
+    if (static_cast<int>(found_.size()) > places) return time;
+  }
+  return 1.0;
+}
+
+// Of a coordinate of the ends, since the search before [m].
+double ContactStage::largestChange() const {
+  double largest = 0;
+  for (std::size_t b = 0; b < x_end_.size(); ++b) {
+    if (x_end_[b].size() > 0) largest = std::max(largest, (x_end_[b] - x_before_[b]).lpNorm<Eigen::Infinity>());
+  }
+  return largest;
+}
+
+// What the row of a contact says its end is, beside where it is: features turn, and the points on them that are nearest
+// change. What the row misses at the present velocities belongs to the gap, or the next pass would end where this one
+// did.
+void ContactStage::correctRow(const MovingBodies& bodies, double bound, Contact& c) {
+  Vec3 approach = Vec3::Zero();
+  if (const int b = bodies.slot(c.first); b >= 0) approach += bodies[b].pointVelocity(c.first);
+  if (const int b = bodies.slot(c.second); b >= 0) approach -= bodies[b].pointVelocity(c.second);
+  const double missed = c.end_gap - (c.gap + bodies[0].input().step * approach.dot(c.normal));
+  if (missed < 0) c.gap += std::max(missed, -bound);
+}
+
+// The deepest violated point of each patch, as indices of candidates, into violated_. @returns how many of them are no
+// contacts yet, of those that would cross and of all
+std::pair<int, int> ContactStage::findViolated() {
   std::sort(candidates_.begin(), candidates_.end(), [](const Contact& a, const Contact& b) {
     return std::tuple(a.first.body, a.partner, a.patch, a.end_gap, a.key) <
            std::tuple(b.first.body, b.partner, b.patch, b.end_gap, b.key);
   });
-  changed_.assign(set_.contacts.size(), 0);
   keys_.clear();
   for (std::size_t i = 0; i < set_.contacts.size(); ++i) keys_.emplace_back(set_.contacts[i].key, i);
-  bool added = false;
+  std::sort(keys_.begin(), keys_.end());
+  violated_.clear();
+  int crossing = 0, all = 0;
   for (std::size_t i = 0; i < candidates_.size(); ++i) {
     const Contact& c = candidates_[i];
     if (!c.crosses() && !(c.end_gap < -c.slack)) continue;
     if (i > 0 && samePatch(candidates_[i - 1], c) && c.normal.dot(candidates_[i - 1].normal) > 0.7) continue;
-    if (!added) std::sort(keys_.begin(), keys_.end());
-    added = true;
+    violated_.push_back(static_cast<int>(i));
+    const auto same = std::lower_bound(keys_.begin(), keys_.end(), std::pair(c.key, 0));
+    if (same != keys_.end() && same->first == c.key) continue;
+    ++all;
+    crossing += c.crosses() ? 1 : 0;
+  }
+  return {crossing, all};
+}
+
+// They become contacts; one that is there already is linearized anew where it now is.
+void ContactStage::addViolated(const MovingBodies& bodies, const ContactSettings& settings) {
+  changed_.assign(set_.contacts.size(), 0);
+  for (const int i : violated_) {
+    const Contact& c = candidates_[static_cast<std::size_t>(i)];
     const auto same = std::lower_bound(keys_.begin(), keys_.end(), std::pair(c.key, 0));
     if (same != keys_.end() && same->first == c.key) {
       set_.contacts[same->second] = c;
+      correctRow(bodies, kLargestArc * settings.thickness, set_.contacts[same->second]);
       changed_[same->second] = 1;
     } else {
       keys_.insert(same, {c.key, static_cast<int>(set_.contacts.size())});
@@ -255,7 +349,6 @@ bool ContactStage::addViolated() {
       changed_.push_back(1);
     }
   }
-  return added;
 }
 
 // Deep overlap is undone at a bounded speed: without the cap a start 1 cm deep would leave at 0.3 m/s, or 10 m/s where

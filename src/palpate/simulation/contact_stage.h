@@ -54,7 +54,13 @@ class ContactStage {
   // choosing
   void choose(const MovingBodies& bodies, const ContactInput& input, const ContactMemory& memory);
   void takeGlued(const MovingBodies& bodies, const ContactInput& input);
-  bool addViolated();
+  double gluedOperations(const MovingBodies& bodies) const;
+  std::pair<int, int> findViolated();
+  void addViolated(const MovingBodies& bodies, const ContactSettings& settings);
+  static void correctRow(const MovingBodies& bodies, double bound, Contact& c);
+  double largestChange() const;
+  double promisingShare(int places);
+  static int mostNew(const MovingBodies& bodies);
   void capRecovery(double h, double speed);
   void judge(const ContactSettings& settings);
   // solving
@@ -77,10 +83,12 @@ class ContactStage {
   std::vector<char> soft_;  // bodies of the world that are
   std::vector<Contact> candidates_;
   std::vector<char> changed_;                        // contacts that the present pass has anew
+  std::vector<int> violated_;                        // candidates that become contacts
   std::vector<std::pair<std::uint64_t, int>> keys_;  // of the contacts, sorted
+  std::vector<std::pair<double, std::uint64_t>> crossing_times_;
   std::vector<std::uint64_t> tracks_, found_;
   std::vector<ContactRows> loaded_rows_;  // of each body, among the memory's loaded contacts
-  std::vector<VecX> x_end_;
+  std::vector<VecX> x_end_, x_before_;
   std::vector<std::pair<int, int>> touched_;  // of the candidates that the contacts were chosen from
 };
 

@@ -117,7 +117,30 @@ void IslandSolver::findIslands(const MovingBodies& bodies, const std::vector<cha
   set.islands.resize(count);
   kept_.assign(count, 0);
   for (std::size_t k = 0; k < count; ++k) kept_[k] = keep(changed, set, set.islands[k]) ? 1 : 0;
+  keepGlue(changed, set);
   set.island.swap(island_);
+}
+
+// What is glued together stays the same in all passes of a step; so does the factor of W_EE, unless a contact joins two
+// such islands.
+void IslandSolver::keepGlue(const std::vector<char>& changed, const ContactSet& set) {
+  glue_before_.swap(glue_);
+  glue_.resize(set.islands.size());
+  const auto glued = [&](const ContactIsland& island, std::size_t k) {
+    return k < island.contacts.size() && island.contacts[k] < set.glued;
+  };
+  for (std::size_t k = 0; k < set.islands.size(); ++k) {
+    glue_[k].resize(0, 0);
+    const ContactIsland& island = set.islands[k];
+    if (set.passes == 1 || !glued(island, 0)) continue;
+    const auto old = static_cast<std::size_t>(set.island[island.contacts.front()]);
+    bool same = true;
+    for (std::size_t i = 0; same && (glued(island, i) || glued(before_[old], i)); ++i) {
+      same = glued(island, i) && glued(before_[old], i) && island.contacts[i] == before_[old].contacts[i] &&
+             changed[island.contacts[i]] == 0;
+    }
+    if (same) glue_[k].swap(glue_before_[old]);
+  }
 }
 
 // The island's problem and where its solution starts from. What is glued comes first.
@@ -145,13 +168,19 @@ void IslandSolver::gather(const ContactIsland& island, const ContactSet& set, do
 }
 
 // The contacts' problem when what is glued follows, into own.condensed and own.free; own.impulse keeps the contacts'.
+// @param glue  a factor of W_EE, or empty: it is found
 // @returns false if W_EE is not positive definite
-bool IslandSolver::condense(const ContactIsland& island, Scratch& own) {
+bool IslandSolver::condense(const ContactIsland& island, MatX& glue, Scratch& own) {
   const Eigen::Index e = 3 * own.glued, c = island.rows() - e;
-  own.glue = island.delassus.topLeftCorner(e, e);
-  if (!own.glue.allFinite() || !choleskyInPlace(own.glue)) return false;
+  if (glue.size() == 0) {
+    glue = island.delassus.topLeftCorner(e, e);
+    if (!glue.allFinite() || !choleskyInPlace(glue)) {
+      glue.resize(0, 0);
+      return false;
+    }
+  }
   own.coupled = island.delassus.topRightCorner(e, c);
-  const auto lower = own.glue.triangularView<Eigen::Lower>();
+  const auto lower = glue.triangularView<Eigen::Lower>();
   VecX rest = own.free.head(e) - own.target;
   lower.solveInPlace(rest);
   if (c > 0) lower.solveInPlace(own.coupled);
@@ -164,10 +193,10 @@ bool IslandSolver::condense(const ContactIsland& island, Scratch& own) {
 
 // The impulses of all, those of what is glued from the contacts', to rounding.
 // @returns what is left of the velocities that glue forbids, the largest [m/s]
-double IslandSolver::release(const ContactIsland& island, const VecX& free, Scratch& own) {
+double IslandSolver::release(const ContactIsland& island, const MatX& glue, const VecX& free, Scratch& own) {
   constexpr int kRefinements = 2;
   const Eigen::Index e = 3 * own.glued, c = island.rows() - e;
-  const auto lower = own.glue.triangularView<Eigen::Lower>();
+  const auto lower = glue.triangularView<Eigen::Lower>();
   VecX all = VecX::Zero(e + c);
   all.tail(c) = own.impulse;
   double left = 0;
@@ -177,7 +206,7 @@ double IslandSolver::release(const ContactIsland& island, const VecX& free, Scra
     left = rest.lpNorm<Eigen::Infinity>();
     if (k == kRefinements) break;
     lower.solveInPlace(rest);
-    own.glue.transpose().triangularView<Eigen::Upper>().solveInPlace(rest);
+    glue.transpose().triangularView<Eigen::Upper>().solveInPlace(rest);
     all.head(e) -= rest;
   }
   own.impulse = all;
@@ -200,8 +229,12 @@ void IslandSolver::solveContacts(const Eigen::Ref<const MatX>& delassus, double 
       solver.acceptable *= scale / largest;
     }
     solver.tolerance = std::max(solver.tolerance, kNegligible / largest);
+    // most of them are on dense matrices
+    constexpr double kCounts = 0.4;
+    solver.max_operations /= kCounts;
     const ContactProblem problem{delassus, own.free, own.bias, own.friction, settings.cone};
     island.solver = own.solver.solve(problem, solver, own.impulse, own.status);
+    island.solver.operations *= kCounts;
   }
 }
 
@@ -214,7 +247,7 @@ void IslandSolver::solveIsland(std::size_t index, double h, double scale, const 
   if (own.glued == 0) {
     solveContacts(island.delassus, scale, settings, island, own);
   } else {
-    solveGlued(scale, settings, island, own);
+    solveGlued(scale, settings, island, glue_[index], own);
   }
   island.scatter(own.impulse, set.impulse);
   for (std::size_t k = 0; k < island.contacts.size(); ++k) {
@@ -224,19 +257,21 @@ void IslandSolver::solveIsland(std::size_t index, double h, double scale, const 
 }
 
 // With what is glued taken out of the problem first (docs/attachments.md).
-void IslandSolver::solveGlued(double scale, const ContactSettings& settings, ContactIsland& island, Scratch& own) {
+void IslandSolver::solveGlued(double scale, const ContactSettings& settings, ContactIsland& island, MatX& glue,
+                              Scratch& own) {
   constexpr double kLeft = 1e-6;  // of the largest velocity
   const VecX free = own.free;
-  if (!condense(island, own)) {
+  const bool known = glue.size() > 0;
+  if (!condense(island, glue, own)) {
     own.impulse.setZero(island.rows());
     own.status.assign(own.status.size(), {});
     island.solver = {false, false, 0, 0.0, std::numeric_limits<double>::infinity()};
     return;
   }
   solveContacts(own.condensed, scale, settings, island, own);
-  const double left = release(island, free, own);
+  const double left = release(island, glue, free, own);
   const double e = 3.0 * static_cast<double>(own.glued), c = static_cast<double>(island.rows()) - e;
-  island.solver.operations += e * e * e / 3 + e * e * c + e * c * c;
+  island.solver.operations += BodySystem::kDense * ((known ? 0.0 : e * e * e / 3) + e * e * c + e * c * c);
   const double largest = std::max({free.lpNorm<Eigen::Infinity>(), own.target.lpNorm<Eigen::Infinity>(), 1e-12});
   if (left <= kLeft * largest) return;
   island.solver.converged = island.solver.to_tolerance = false;

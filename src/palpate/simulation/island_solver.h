@@ -30,8 +30,8 @@ class IslandSolver {
     ContactSolver solver;
     VecX free, bias, friction, impulse;
     std::vector<ContactStatus> status;
-    // of what is glued: a factor of W_EE, L^-1 W_EC, what its velocities are to be; W'
-    MatX glue, coupled, condensed;
+    // of what is glued: L^-1 W_EC, what its velocities are to be; W'
+    MatX coupled, condensed;
     VecX target;
     Eigen::Index glued = 0;  // contacts
   };
@@ -39,15 +39,18 @@ class IslandSolver {
   int rootOf(int body);
   bool keep(const std::vector<char>& changed, const ContactSet& set, ContactIsland& island);
   void gather(const ContactIsland& island, const ContactSet& set, double h, Scratch& own) const;
-  static bool condense(const ContactIsland& island, Scratch& own);
-  static double release(const ContactIsland& island, const VecX& free, Scratch& own);
+  void keepGlue(const std::vector<char>& changed, const ContactSet& set);
+  static bool condense(const ContactIsland& island, MatX& glue, Scratch& own);
+  static double release(const ContactIsland& island, const MatX& glue, const VecX& free, Scratch& own);
   static void solveContacts(const Eigen::Ref<const MatX>& delassus, double scale, const ContactSettings& settings,
                             ContactIsland& island, Scratch& own);
-  static void solveGlued(double scale, const ContactSettings& settings, ContactIsland& island, Scratch& own);
+  static void solveGlued(double scale, const ContactSettings& settings, ContactIsland& island, MatX& glue,
+                         Scratch& own);
   void solveIsland(std::size_t index, double h, double scale, const ContactSettings& settings, ContactSet& set);
 
   std::vector<ContactIsland> before_;         // of the pass before
   std::vector<char> kept_;                    // of the present pass
+  std::vector<MatX> glue_, glue_before_;      // of each island a factor of W_EE, or empty; of the pass before
   std::vector<int> root_, of_root_, island_;  // while islands are found: of bodies, islands of roots, of contacts
   std::vector<Scratch> scratch_;
 };

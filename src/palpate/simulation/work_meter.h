@@ -65,7 +65,7 @@ class WorkShare {
 
  private:
   static constexpr double kMostOfTry = 1e10, kLast = 1e9;  // operations
-  static constexpr double kSystems = 10.0;
+  static constexpr double kSystems = 20.0;
   const WorkMeter* meter_;
   double before_, allowed_;
 };

@@ -58,6 +58,14 @@ std::vector<int> World::gluedTogether(int body) const {
   return out;
 }
 
+std::vector<Contact> World::glued(int body) const {
+  std::vector<Contact> out;
+  if (joints_.empty()) return out;
+  glueContacts(models(), joints_, state_.bodies, std::vector<char>(models_.size(), 1), out);
+  std::erase_if(out, [&](const Contact& c) { return c.first.body != body && c.second.body != body; });
+  return out;
+}
+
 const BodyContactRows* World::toolRows() const {
   const std::vector<int>& moved = contacts().bodies;
   const auto at = std::find(moved.begin(), moved.end(), tool_);
@@ -283,10 +291,10 @@ StepReport World::stepBodies(const std::vector<int>& moving, const StepInput& in
   return report;
 }
 
-constexpr int kShortest = 16;      // as a part of a step
-constexpr int kMostPulled = 15;    // steps after a path was left, before one is tried again
-constexpr int kGoodParts = 4;      // so many good parts before a longer one is tried
-constexpr double kTryShare = 0.3;  // of the budget: what a try may cost that need not succeed
+constexpr int kShortest = 16;       // as a part of a step
+constexpr int kMostPulled = 15;     // steps after a path was left, before one is tried again
+constexpr int kGoodParts = 4;       // so many good parts before a longer one is tried
+constexpr double kTryShare = 0.15;  // of the budget: what a try may cost that need not succeed
 // an end that has more energy than work explains, by this much in a whole step [J], is not believed
 constexpr double kEnergyFloor = 1e-5;
 // a handle that is led takes the free nodes along as one rigid body first
@@ -365,11 +373,13 @@ void World::stepAlong(Way& way, double from, double to, StepReport& sum) {
     if (!tryStep(inputAt(way, shareAt(done), shareAt(done + length)), static_cast<double>(length) / kShortest, last,
                  part)) {
       sum.times += part.times;
+      const double promising = stage_.result().promising;
       if (way.path != nullptr && !way.pulled) {
         way.pulled = true;
       } else {
         ++halvings;
       }
+      while (kShortest >> halvings > 1 && kShortest >> halvings > promising * length) ++halvings;
       successes = 0;
       continue;
     }

@@ -46,6 +46,8 @@ class World {
   /// @throws InputError if the two are too far apart, the same, or glued in a circle
   void glue(int body, int attachment, int partner);
   const std::vector<Joint>& joints() const { return joints_; }
+  /// Equalities of what a body is glued to, as it now is.
+  std::vector<Contact> glued(int body) const;
   /// Bodies that glue holds together with this one, itself included, in order: those that are to settle together, so
   /// not through rigid bodies that nobody holds.
   std::vector<int> gluedTogether(int body) const;
