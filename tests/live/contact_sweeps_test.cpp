@@ -44,5 +44,39 @@ TEST(ContactSweeps, SolveFrictionProblemsWithinTheCones) {
   }
 }
 
+// What is tied comes to its place whatever the force, beside contacts that stay in their cones.
+TEST(ContactSweeps, HoldWhatIsTied) {
+  for (unsigned seed = 0; seed < 20; ++seed) {
+    std::mt19937 random(seed);
+    std::normal_distribution<double> normal;
+    TickContacts c;
+    c.count = 2 + static_cast<int>(seed % 6);
+    const Eigen::Index n = 3 * c.count;
+    const MatX half = MatX::NullaryExpr(n, n + 6, [&] { return 0.01 * normal(random); });
+    c.compliance = half * half.transpose();
+    c.free = VecX::NullaryExpr(n, [&] { return 1e-3 * normal(random); });
+    for (int i = 0; i < c.count; ++i) {
+      c.normal[i] = Vec3(normal(random), normal(random), normal(random)).normalized();
+      c.friction[i] = 0.4;
+      c.gap[i] = 1e-4;
+      c.tied[i] = i < 1 + c.count / 2;
+      c.away[i] = 1e-4 * Vec3(normal(random), normal(random), normal(random));
+    }
+    EXPECT_TRUE(c.any());
+    RowVector force = RowVector::Zero(n);
+    sweep(c, 4000, force);
+    const VecX s = c.compliance * force + c.free;
+    for (int i = 0; i < c.count; ++i) {
+      const Vec3 f = force.segment<3>(3 * i);
+      if (c.tied[i]) {
+        EXPECT_LT((c.away[i] + s.segment<3>(3 * i)).norm(), 1e-7) << seed << ' ' << i;
+      } else {
+        const double press = f.dot(c.normal[i]);
+        EXPECT_LE((f - press * c.normal[i]).norm(), 0.4 * press + 1e-9);
+      }
+    }
+  }
+}
+
 }  // namespace
 }  // namespace palpate

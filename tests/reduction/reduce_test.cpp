@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include "palpate/live/live_tick.h"
 #include "palpate/math/decompositions.h"
 #include "palpate/math/rotation.h"
 #include "palpate/reduction/partner_compliance.h"
@@ -151,6 +152,65 @@ TEST(Reduction, TurnsWithTheScene) {
   EXPECT_LT((m.squared_frequency - n.squared_frequency).norm(), 1e-6 * m.squared_frequency.norm());
   EXPECT_LT((Mat6(m.inertia) - Mat6(n.inertia)).norm(), 1e-6 * m.inertia.norm());
   EXPECT_NEAR(m.compliance.trace(), n.compliance.trace(), 1e-3 * m.compliance.trace());
+}
+
+// A joint's points are merged without losing any of its force or of its nodes' weight, beside contact.
+TEST(Reduction, AJointIsTied) {
+  Material material;
+  material.youngs_modulus = 2e4;
+  material.damping_beta = 0.002;
+  BodyModel tool = bar({4, 3, 3}, material);
+  holdNodes(tool, onTop, kPlainHandle);
+  const Vec3 foot(0, 0, -0.02);
+  BodyModel block("block", moved(barMesh({kBarSize.x(), kBarSize.y(), 0.02}, {3, 3, 2}), {foot, Quat::Identity()}),
+                  material);
+  const auto at = [](const BodyModel& body, double z, bool glued) {
+    Attachment out;
+    out.name = glued ? "joint" : "floor";
+    out.glued = glued;
+    out.nodes = nodesWhere(body.mesh().mesh.nodes, [&](const Vec3& p) { return std::abs(p.z() - z) < 1e-9; });
+    return out;
+  };
+  tool.attach(at(tool, 0, true));
+  block.attach(at(block, -0.02, false));
+  World world;
+  world.add(std::move(tool));
+  world.add(std::move(block));
+  world.glue(0, 0, 1);
+  world.link = {700, 5, 1.0, 0.005};
+  DeviceTarget target{world.tool().state.handle.pose, Vec6::Zero()};
+  target.pose.position += Vec3(0.002, 0, 0.003);
+  for (int n = 0; n < 40; ++n) ASSERT_EQ(world.step(target, 0.033).status, StepStatus::ok);
+
+  ToolReduction reduction;
+  DampedForces damped;
+  dampForces(world, 1e3, damped);
+  LiveBasis basis;
+  const LiveModel m = reduction.reduce(world, {}, {toolShape(world), damped, MatX(), 0.033}, basis);
+  ASSERT_TRUE(isFinite(m));
+  ASSERT_EQ(m.contacts, kTiedClusters);
+  EXPECT_TRUE(m.partners_yield);
+  Vec3 sum = Vec3::Zero(), damped_sum = Vec3::Zero();
+  for (int i = 0; i < m.contacts; ++i) {
+    EXPECT_EQ(m.surface[i].kind, LiveSurface::Kind::tied);
+    EXPECT_LT((m.pose.apply(m.arm.segment<3>(3 * i)) - m.surface[i].a).norm(), 1e-9);
+    sum += m.contact_force.segment<3>(3 * i);
+    damped_sum += m.damped_force.segment<3>(3 * i);
+  }
+  const Vec3 joint = world.tool().system.attachmentForces()[0].force;
+  EXPECT_GT(joint.norm(), 0.5);
+  EXPECT_LT((world.tool().state.handle.pose.rotation * sum - joint).norm(), 1e-6 * joint.norm());
+  EXPECT_LT((damped_sum - sum).norm(), 1e-3 * joint.norm());
+
+  // held where it is, it stays at rest
+  LiveTick tick;
+  LiveState state = startState(m);
+  for (int k = 0; k < 100; ++k) {
+    tick.replay(m, 0.001, world.gravity, {k, m.pose, Vec6::Zero()}, {k + 1, m.pose, Vec6::Zero()}, state);
+  }
+  Vec3 after = Vec3::Zero();
+  for (int i = 0; i < m.contacts; ++i) after += state.contact_force.segment<3>(3 * i);
+  EXPECT_LT((after - sum).norm(), 0.02 * sum.norm());
 }
 
 // A block of two glued parts yields like one, also where it stands on the ground.

@@ -56,11 +56,25 @@ void limit(const TickContacts& contacts, const Polygon& polygon, int i, double r
   pull = kept.x() * first + kept.y() * other;
 }
 
+// The force of a contact, so that it holds by itself.
+Vec3 pressedAgainst(const TickContacts& contacts, const Polygon& polygon, int i, const Vec3& before, const Vec3& way,
+                    double along, double across) {
+  const Vec3& n = contacts.normal[i];
+  const double pressed = before.dot(n);
+  const double press = std::max(0.0, pressed - (n.dot(way) + contacts.gap[i]) / along);
+  Vec3 after = press * n;
+  if (contacts.friction[i] <= 0 || press <= 0) return after;
+  const Vec3 moved = way + contacts.compliance.block<3, 3>(3 * i, 3 * i) * ((press - pressed) * n);
+  Vec3 pull = before - pressed * n - (moved - n.dot(moved) * n) / across;
+  limit(contacts, polygon, i, contacts.friction[i] * press, pull);
+  return after + pull;
+}
+
 }  // namespace
 
 bool TickContacts::any() const noexcept {
   for (int i = 0; i < count; ++i) {
-    if (gap[i] + normal[i].dot(free.segment<3>(3 * i)) < 0) return true;
+    if (tied[i] || gap[i] + normal[i].dot(free.segment<3>(3 * i)) < 0) return true;
   }
   return false;
 }
@@ -68,8 +82,13 @@ bool TickContacts::any() const noexcept {
 void sweep(const TickContacts& contacts, int sweeps, RowVector& force) noexcept {
   const auto& g = contacts.compliance;
   std::array<double, LiveSize::kContacts> along{}, across{};
+  std::array<Mat3, LiveSize::kContacts> stiffness;  // of what is tied
   for (int i = 0; i < contacts.count; ++i) {
     const auto own = g.block<3, 3>(3 * i, 3 * i);
+    if (contacts.tied[i]) {
+      stiffness[i] = own.inverse();
+      continue;
+    }
     along[i] = contacts.normal[i].dot(own * contacts.normal[i]);
     across[i] = 0.75 * (own.trace() - along[i]);
   }
@@ -79,17 +98,13 @@ void sweep(const TickContacts& contacts, int sweeps, RowVector& force) noexcept 
   for (int k = 0; k < sweeps; ++k) {
     double most = 0;  // change in this sweep [N]
     for (int i = 0; i < contacts.count; ++i) {
-      const Vec3& n = contacts.normal[i];
       const Vec3 before = force.segment<3>(3 * i);
       const Vec3 way = s.segment<3>(3 * i);
-      const double pressed = before.dot(n);
-      const double press = std::max(0.0, pressed - (n.dot(way) + contacts.gap[i]) / along[i]);
-      Vec3 after = press * n;
-      if (contacts.friction[i] > 0 && press > 0) {
-        const Vec3 moved = way + g.block<3, 3>(3 * i, 3 * i) * ((press - pressed) * n);
-        Vec3 pull = before - pressed * n - (moved - n.dot(moved) * n) / across[i];
-        limit(contacts, polygon, i, contacts.friction[i] * press, pull);
-        after += pull;
+      Vec3 after;
+      if (contacts.tied[i]) {
+        after = before - stiffness[i] * (way + contacts.away[i]);
+      } else {
+        after = pressedAgainst(contacts, polygon, i, before, way, along[i], across[i]);
       }
       const Vec3 change = after - before;
       if (change.isZero(0.0)) continue;

@@ -35,10 +35,11 @@ using RowVector = BoundedVector<LiveSize::kRows>;
 /// What a contact of a live model is against; world frame.
 struct LiveSurface {
   enum class Kind {
-    plane,    ///< through `a` with `normal`
-    capsule,  ///< around the segment from a to b, a sphere where they are one
-    internal  ///< the tool itself: the normal is in the handle's frame, and the place is that of one side against the
-              ///< other
+    plane,     ///< through `a` with `normal`
+    capsule,   ///< around the segment from a to b, a sphere where they are one
+    internal,  ///< the tool itself: the normal is in the handle's frame, and the place is that of one side against the
+               ///< other
+    tied       ///< the place `a` of another body, to which the tool is glued: three equalities, no cone
   };
   Kind kind = Kind::plane;
   Vec3 normal = Vec3::UnitZ();

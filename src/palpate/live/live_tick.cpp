@@ -114,6 +114,7 @@ void LiveTick::placeContacts(const LiveModel& model, const LiveState& state, con
   for (int i = 0; i < m; ++i) {
     contacts_.friction[i] = model.friction[i];
     const LiveSurface& surface = model.surface[i];
+    contacts_.tied[i] = surface.kind == LiveSurface::Kind::tied;
     if (surface.kind == LiveSurface::Kind::internal) {
       jacobian_.block<3, 6>(3 * i, 0).setZero();
       contacts_.normal[i] = surface.normal;
@@ -122,6 +123,12 @@ void LiveTick::placeContacts(const LiveModel& model, const LiveState& state, con
     }
     jacobian_.block<3, 3>(3 * i, 0).setIdentity();
     jacobian_.block<3, 3>(3 * i, 3) = -skew(bent.segment<3>(3 * i));
+    if (contacts_.tied[i]) {
+      const Vec3 away = rotation.transpose() * (pose.position - surface.a) + place_.segment<3>(3 * i);
+      contacts_.away[i] = away * std::min(1.0, kRecoverySpeed * dt / std::max(away.norm(), 1e-12));
+      contacts_.normal[i] = rotation.transpose() * surface.normal;
+      continue;
+    }
     const Touch t = touch(surface, pose.position + rotation * place_.segment<3>(3 * i));
     contacts_.gap[i] = std::max(t.gap, -kRecoverySpeed * dt);
     contacts_.normal[i] = rotation.transpose() * t.normal;

@@ -16,11 +16,85 @@ Contact turnedAround(Contact c) {
 }
 
 bool alike(const TouchPoint& a, const TouchPoint& b) {
+  if (a.tied || b.tied) return a.tied && b.tied && a.contact.second.body == b.contact.second.body;
   return a.contact.partner == b.contact.partner && a.internal == b.internal &&
          a.contact.normal.dot(b.contact.normal) > kAlike;
 }
 
 double pressure(const TouchPoint& p) { return std::max(0.0, p.contact.normal.dot(p.force)); }
+
+// The tool's joints.
+void takeTied(const World& world, const VecX& positions, std::vector<TouchPoint>& out) {
+  const int tool = world.toolIndex();
+  for (const Contact& c : world.glued(tool)) {
+    TouchPoint p;
+    const bool second = c.first.body != tool;
+    p.contact = second ? turnedAround(c) : c;
+    p.tied = true;
+    p.place = p.contact.first.at(positions);
+    const ContactMemory::Force* force = world.state().contacts.find(c.track);
+    if (force != nullptr) p.force = second ? Vec3(-force->force) : force->force;
+    out.push_back(p);
+  }
+}
+
+// Points from `first` on, in at most so many clusters; see clusterTouchPoints().
+void appendClusters(const std::vector<TouchPoint>& points, int first, int end, int most,
+                    std::vector<TouchCluster>& out) {
+  const int n = end - first;
+  if (n <= most) {
+    for (int i = first; i < end; ++i) out.push_back({{i, 1.0}});
+    return;
+  }
+  constexpr double kOther = 1e3;  // [m]: farther than any of like facing and partner
+  std::vector<double> distance(points.size(), std::numeric_limits<double>::infinity());
+  std::vector<int> owner(points.size(), 0);
+  // the first seed carries the most force, or is nearest
+  int seed = first;
+  for (int i = first + 1; i < end; ++i) {
+    const auto rank = [&](int k) { return std::pair(-pressure(points[k]), points[k].gap); };
+    if (!points[i].tied && rank(i) < rank(seed)) seed = i;
+  }
+  for (int g = 0; g < most; ++g) {
+    int next = -1;
+    double farthest = 0;
+    for (int i = first; i < end; ++i) {
+      const double d = (points[i].place - points[seed].place).norm() + (alike(points[i], points[seed]) ? 0.0 : kOther);
+      if (d < distance[i]) {
+        distance[i] = d;
+        owner[i] = g;
+      }
+      if (distance[i] > farthest) {
+        farthest = distance[i];
+        next = i;
+      }
+    }
+    if (next < 0) break;
+    seed = next;
+  }
+  for (int g = 0; g < most; ++g) {
+    double sum = 0;
+    int nearest = -1, count = 0;
+    for (int i = first; i < end; ++i) {
+      if (owner[i] != g) continue;
+      ++count;
+      sum += pressure(points[i]);
+      if (nearest < 0 || points[i].gap < points[nearest].gap) nearest = i;
+    }
+    if (nearest < 0) continue;
+    TouchCluster cluster;
+    for (int i = first; i < end; ++i) {
+      if (owner[i] != g) continue;
+      if (points[i].tied) {
+        cluster.emplace_back(i, 1.0 / count);
+      } else if (sum > 0 && pressure(points[i]) > 0) {
+        cluster.emplace_back(i, pressure(points[i]) / sum);
+      }
+    }
+    if (cluster.empty()) cluster.emplace_back(nearest, 1.0);
+    out.push_back(std::move(cluster));
+  }
+}
 
 }  // namespace
 
@@ -52,6 +126,7 @@ std::vector<TouchPoint> findTouchPoints(World& world, const VecX& positions, con
     return body == tool ? speeds : world.body(body).state.velocities;
   };
   std::vector<TouchPoint> out;
+  takeTied(world, positions, out);
   const auto take = [&](const Contact& found, double gap) {
     if (found.first.body != tool && found.second.body != tool) return;
     TouchPoint p;
@@ -72,6 +147,7 @@ std::vector<TouchPoint> findTouchPoints(World& world, const VecX& positions, con
   };
   for (const Contact& c : near) take(c, c.gap);
   for (const Contact& c : memory.loaded) {
+    if (c.glued()) continue;
     if (c.first.body != tool && c.second.body != tool) continue;
     if (std::find(given.begin(), given.end(), c.track) != given.end()) continue;
     double gap = 0;
@@ -85,53 +161,11 @@ std::vector<TouchPoint> findTouchPoints(World& world, const VecX& positions, con
 
 std::vector<TouchCluster> clusterTouchPoints(const std::vector<TouchPoint>& points, int most) {
   const int n = static_cast<int>(points.size());
+  int tied = 0;
+  while (tied < n && points[tied].tied) ++tied;
   std::vector<TouchCluster> out;
-  if (n <= most) {
-    for (int i = 0; i < n; ++i) out.push_back({{i, 1.0}});
-    return out;
-  }
-  constexpr double kOther = 1e3;  // [m]: farther than any of like facing and partner
-  std::vector<double> distance(points.size(), std::numeric_limits<double>::infinity());
-  std::vector<int> owner(points.size(), 0);
-  // the first seed carries the most force, or is nearest
-  int seed = 0;
-  for (int i = 1; i < n; ++i) {
-    const auto rank = [&](int k) { return std::pair(-pressure(points[k]), points[k].gap); };
-    if (rank(i) < rank(seed)) seed = i;
-  }
-  for (int g = 0; g < most; ++g) {
-    int next = -1;
-    double farthest = 0;
-    for (int i = 0; i < n; ++i) {
-      const double d = (points[i].place - points[seed].place).norm() + (alike(points[i], points[seed]) ? 0.0 : kOther);
-      if (d < distance[i]) {
-        distance[i] = d;
-        owner[i] = g;
-      }
-      if (distance[i] > farthest) {
-        farthest = distance[i];
-        next = i;
-      }
-    }
-    if (next < 0) break;
-    seed = next;
-  }
-  for (int g = 0; g < most; ++g) {
-    double sum = 0;
-    int nearest = -1;
-    for (int i = 0; i < n; ++i) {
-      if (owner[i] != g) continue;
-      sum += pressure(points[i]);
-      if (nearest < 0 || points[i].gap < points[nearest].gap) nearest = i;
-    }
-    if (nearest < 0) continue;
-    TouchCluster cluster;
-    for (int i = 0; i < n && sum > 0; ++i) {
-      if (owner[i] == g && pressure(points[i]) > 0) cluster.emplace_back(i, pressure(points[i]) / sum);
-    }
-    if (cluster.empty()) cluster.emplace_back(nearest, 1.0);
-    out.push_back(std::move(cluster));
-  }
+  appendClusters(points, 0, tied, std::min(most, kTiedClusters), out);
+  appendClusters(points, tied, n, most - static_cast<int>(out.size()), out);
   return out;
 }
 

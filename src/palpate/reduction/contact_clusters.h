@@ -13,6 +13,7 @@ namespace palpate {
 struct TouchPoint {
   Contact contact;            ///< tool first; for self-contact both points are the tool's
   bool internal = false;      ///< self-contact
+  bool tied = false;          ///< glued: a node, at a place of another body
   double gap = 0;             ///< now [m]
   Vec3 place;                 ///< of the tool's point [m]
   Vec3 force = Vec3::Zero();  ///< on the tool [N]
@@ -21,14 +22,16 @@ struct TouchPoint {
 /// One contact of the reduced model: touch points and their weights, which sum to 1.
 using TouchCluster = std::vector<std::pair<int, double>>;
 
-/// What the tool touches or may touch within reach.
+/// What the tool touches or may touch within reach; what it is glued to comes first.
 /// @param positions  of the tool's nodes, where they differ from the world's state
 /// @param speeds     of its nodes [m/s]
 std::vector<TouchPoint> findTouchPoints(World& world, const VecX& positions, const VecX& speeds, double margin,
                                         double lookahead);
 
 /// At most `most` clusters of like facing and like partner, farthest points first. None is dropped; weights follow the
-/// normal force where there is some, else the nearest point stands for all.
+/// normal force where there is some, else the nearest point stands for all. Of what is tied all points count alike, in
+/// at most kTiedClusters, which come first.
+constexpr int kTiedClusters = 6;
 std::vector<TouchCluster> clusterTouchPoints(const std::vector<TouchPoint>& points, int most);
 
 }  // namespace palpate

@@ -93,12 +93,12 @@ NodeSum nodesOf(const ContactPoint& point, double sign) {
 
 bool involves(const Contact& c, int body) { return c.first.body == body || c.second.body == body; }
 
-// Bodies that loaded glue joins to this one, itself first.
-std::vector<int> gluedTo(const std::vector<Contact>& loaded, int body) {
+// Bodies that loaded glue joins to this one, itself first, without the tool.
+std::vector<int> gluedTo(const std::vector<Contact>& loaded, int body, int tool) {
   std::vector<int> out{body};
   for (std::size_t k = 0; k < out.size(); ++k) {
     for (const Contact& c : loaded) {
-      if (!c.glued() || !involves(c, out[k])) continue;
+      if (!c.glued() || !involves(c, out[k]) || involves(c, tool)) continue;
       const int other = c.first.body == out[k] ? c.second.body : c.first.body;
       if (std::find(out.begin(), out.end(), other) == out.end()) out.push_back(other);
     }
@@ -146,7 +146,7 @@ MatX ownCompliance(World& world, int body, const std::vector<NodeSum>& sums) {
 
 void addPartnerCompliance(World& world, int body, const std::vector<NodeSum>& sums, MatX& out) {
   // impulse to velocity becomes force to displacement: in a step dx = h dv, dlambda = h df, and c = h (h + beta)
-  const std::vector<int> together = gluedTo(world.state().contacts.loaded, body);
+  const std::vector<int> together = gluedTo(world.state().contacts.loaded, body, world.toolIndex());
   const MatX own = together.size() > 1 ? gluedCompliance(world, together, sums) : ownCompliance(world, body, sums);
   for (std::size_t i = 0; i < sums.size(); ++i) {
     for (std::size_t j = 0; j < sums.size(); ++j) {

@@ -197,7 +197,8 @@ void ToolReduction::addContacts(World& world, const LiveSettings& settings, cons
       if (p.internal) addNodes(p.contact.second, -weight);
       surface.normal += weight * p.contact.normal;
       place += weight * p.place;
-      foot += weight * (p.place - p.gap * p.contact.normal);
+      foot += weight * (p.tied ? p.contact.second.at(world.body(p.contact.second.body).state.positions)
+                               : Vec3(p.place - p.gap * p.contact.normal));
       friction += weight * p.contact.friction;
       model.contact_force.segment<3>(at) += rt * p.force;
       for (const auto& [track, force] : input.damped) {
@@ -212,7 +213,9 @@ void ToolReduction::addContacts(World& world, const LiveSettings& settings, cons
     surface.normal.normalize();
     surface.a = foot;
     model.friction[g] = friction;
-    if (const Obstacle* obstacle = world.obstacleOf(first.contact)) {
+    if (first.tied) {
+      surface.kind = LiveSurface::Kind::tied;
+    } else if (const Obstacle* obstacle = world.obstacleOf(first.contact)) {
       setRound(*obstacle, place, surface.normal.dot(place - foot), surface);
     }
     if (first.internal) {
