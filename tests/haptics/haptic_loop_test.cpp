@@ -109,7 +109,11 @@ TEST(HapticLoop, BadSamplesNeverArrive) {
     const TickRecord expected = clean.tick(good, &model, now);
     const TickRecord record = dirty.tick(bad[i], &model, now);
     EXPECT_TRUE(record.flags.has(TickFlag::device_rejected)) << i;
-    EXPECT_EQ(record.sent, expected.sent) << i;
+    EXPECT_EQ(record.raw, expected.raw) << i;
+    // meanwhile the force leaves
+    const double left = 1.0 - static_cast<double>(i + 1) * kDt / settings.safety.presence.fade;
+    EXPECT_LT((record.sent - left * expected.sent).norm(), 1e-12) << i;
+    EXPECT_TRUE(record.flags.has(TickFlag::device_lost)) << i;
     EXPECT_EQ(record.device.pose.position, good.pose.position) << i;
   }
   EXPECT_EQ(dirty.counters()[TickFlag::device_rejected], bad.size());

@@ -2,6 +2,8 @@
 
 #include <cmath>
 #include <cstdint>
+#include <limits>
+#include <numbers>
 
 #include "palpate/haptics/device_state.h"
 
@@ -12,6 +14,9 @@ struct DeviceFilterSettings {
   double max_distance = 100.0;  ///< of the position from the world's origin [m]
   double max_speed = 100.0;     ///< [m/s]
   double max_spin = 1000.0;     ///< [rad/s]
+  // No hand is faster, from one sample to the next.
+  double max_travel = 20.0;  ///< change of position [m/s]
+  double max_turn = 100.0;   ///< change of rotation [rad/s]
 };
 
 /// What a filter remembers.
@@ -20,8 +25,9 @@ struct DeviceFilterState {
   std::uint64_t rejected = 0;
 };
 
-/// Keeps samples that are not numbers, or absurd, out of the haptic loop and the simulation: the last good sample
-/// stands in for them. Every reader of a device has one of its own. Filtering twice changes nothing.
+/// Keeps samples that are not numbers, absurd, or too far from the one before out of the haptic loop and the
+/// simulation: the last good sample stands in for them. Every reader of a device has one of its own. Filtering twice
+/// changes nothing.
 class DeviceFilter {
  public:
   explicit DeviceFilter(const DeviceFilterSettings& settings = {}) : settings_(settings) {}
@@ -30,8 +36,10 @@ class DeviceFilter {
   void reset(const Pose& pose) noexcept { state_ = {DeviceState{pose, Vec6::Zero(), 0}, 0}; }
 
   /// The sample with a unit quaternion, or the last good one.
-  const DeviceState& accept(const DeviceState& sample) noexcept {
-    if (isSane(sample)) {
+  /// @param elapsed  since the last call [s]; infinite: it may have come from anywhere
+  const DeviceState& accept(const DeviceState& sample,
+                            double elapsed = std::numeric_limits<double>::infinity()) noexcept {
+    if (isSane(sample) && isNear(sample.pose, elapsed)) {
       state_.last = sample;
       // A quaternion that is a unit one already keeps its bits, so that a replay is exact.
       if (std::abs(sample.pose.rotation.squaredNorm() - 1.0) > 1e-12) state_.last.pose.rotation.normalize();
@@ -52,6 +60,15 @@ class DeviceFilter {
     const double norm = sample.pose.rotation.norm();
     return sample.pose.position.norm() <= settings_.max_distance && norm >= 0.5 && norm <= 2.0 &&
            sample.twist.head<3>().norm() <= settings_.max_speed && sample.twist.tail<3>().norm() <= settings_.max_spin;
+  }
+
+  bool isNear(const Pose& pose, double elapsed) const noexcept {
+    constexpr double kStep = 0.005, kTurn = 0.1;  // [m], [rad]: coarse sensors
+    const double reach = kStep + settings_.max_travel * elapsed, turn = kTurn + settings_.max_turn * elapsed;
+    if (!((pose.position - state_.last.pose.position).norm() <= reach)) return false;
+    if (turn >= std::numbers::pi) return true;
+    const double cosine = std::abs(pose.rotation.dot(state_.last.pose.rotation)) / pose.rotation.norm();
+    return cosine >= std::cos(0.5 * turn);
   }
 
   DeviceFilterSettings settings_;

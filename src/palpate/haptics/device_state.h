@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <limits>
 
 #include "palpate/math/types.h"
 
@@ -11,6 +12,9 @@ struct DeviceState {
   Pose pose;
   Vec6 twist = Vec6::Zero();
   std::uint32_t buttons = 0;  ///< bit k: button k + 1 is pressed
+  // What the device renders now, below its limits: warm motors, a clutch, a device that comes back.
+  double force_limit = std::numeric_limits<double>::infinity();   ///< [N]
+  double torque_limit = std::numeric_limits<double>::infinity();  ///< [N m]
 };
 
 /// What a device can render. Coupling parameters default to what these allow.

@@ -16,10 +16,13 @@ class LatestValue {
   LatestValue(const LatestValue&) = delete;
   LatestValue& operator=(const LatestValue&) = delete;
 
-  /// Writer only: makes `value` the newest one.
-  void write(const T& value) noexcept {
+  /// Writer only: makes `value` the newest one. @returns whether the one before was never read
+  bool write(const T& value) noexcept {
     slots_[writing_].value = value;
-    writing_ = middle_.exchange(static_cast<std::uint8_t>(writing_ | kFresh), std::memory_order_acq_rel) & kIndex;
+    const std::uint8_t before =
+        middle_.exchange(static_cast<std::uint8_t>(writing_ | kFresh), std::memory_order_acq_rel);
+    writing_ = before & kIndex;
+    return (before & kFresh) != 0;
   }
 
   /// Reader only: the newest value, or nullptr before the first write. It stays as it is until the next read().

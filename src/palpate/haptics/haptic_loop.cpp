@@ -1,5 +1,6 @@
 #include "palpate/haptics/haptic_loop.h"
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 
@@ -44,30 +45,34 @@ Vec6 HapticLoop::start(const Pose& device_pose, const Pose& proxy_pose, double n
   counters_ = {};
   has_model_ = has_live_ = has_pending_ = false;
   account_ = {};
+  models_ = {};
   path_.clear();
   path_.add({0, proxy_pose, Vec6::Zero()});
   start_time_ = last_time_ = now;
   last_device_pose_ = device_pose;
   const DeviceState device{device_pose, Vec6::Zero(), 0};
   const Vec6 raw = couplingWrench(settings_.link, proxy_pose, Vec6::Zero(), device);
-  last_sent_ = safety_.start(compensate(raw, proxy_pose));
+  last_sent_ = safety_.start(compensate(raw, proxy_pose), device_pose.position);
   return last_sent_;
 }
 
 TickRecord HapticLoop::tick(const DeviceState& sample, const HandleModel* newest, double now) noexcept {
   TickRecord record;
   record.time = now;
-  record.device = readDevice(sample, record.flags);
+  const double since_last = now - last_time_;
+  Vec6 displacement;
+  record.device = readDevice(sample, since_last, displacement, record.flags);
   const HandleModel* model = takeModel(newest, record.flags);
   record.model_age = model ? now - model->time : std::numeric_limits<double>::infinity();
   record.raw = render(model, record.device, record);
   path_.add({path_.end(), proxy_.pose(), proxy_.twist()});
 
   const double since_start = now - start_time_;
-  const auto safe =
-      safety_.process({model ? compensate(record.raw, record.proxy) : record.raw, since_start,
-                       model ? record.model_age : since_start, settings_.dt, record.device.twist, now - last_time_},
-                      observer_);
+  const auto safe = safety_.process(
+      {model ? compensate(record.raw, record.proxy) : record.raw, since_start, model ? record.model_age : since_start,
+       settings_.dt, record.device.twist, since_last, displacement, record.device.pose.position, record.device.buttons,
+       !record.flags.has(TickFlag::device_rejected), record.device.force_limit, record.device.torque_limit},
+      observer_);
   last_time_ = now;
   record.sent = last_sent_ = safe.wrench;
   record.flags |= safe.flags;
@@ -79,7 +84,7 @@ TickRecord HapticLoop::tick(const DeviceState& sample, const HandleModel* newest
 HapticLoopState HapticLoop::state() const noexcept {
   return {filter_.state(), proxy_.state(),  safety_.state(),     observer_,  counters_,    model_,
           has_model_,      live_[current_], live_[1 - current_], has_live_,  has_pending_, account_,
-          path_,           start_time_,     last_device_pose_,   last_sent_, last_time_};
+          path_,           start_time_,     last_device_pose_,   last_sent_, last_time_,   models_};
 }
 
 void HapticLoop::restore(const HapticLoopState& state) noexcept {
@@ -100,6 +105,7 @@ void HapticLoop::restore(const HapticLoopState& state) noexcept {
   last_device_pose_ = state.device_pose;
   last_sent_ = state.sent;
   last_time_ = state.last_time;
+  models_ = state.models;
 }
 
 void HapticLoop::change(Rendering rendering, double model_age_limit) noexcept {
@@ -109,21 +115,30 @@ void HapticLoop::change(Rendering rendering, double model_age_limit) noexcept {
   safety_.setModelAgeLimit(model_age_limit);
 }
 
-DeviceState HapticLoop::readDevice(const DeviceState& sample, TickFlags& flags) noexcept {
+DeviceState HapticLoop::readDevice(const DeviceState& sample, double since_last, Vec6& displacement,
+                                   TickFlags& flags) noexcept {
   const std::uint64_t rejected = filter_.rejected();
-  const DeviceState& device = filter_.accept(sample);
+  // A device that has jumped and stays there is believed once the force has left.
+  const double elapsed =
+      safety_.absent() ? std::numeric_limits<double>::infinity() : std::max(since_last, settings_.dt);
+  const DeviceState& device = filter_.accept(sample, elapsed);
   if (filter_.rejected() != rejected) flags.set(TickFlag::device_rejected);
-  observer_.add(last_sent_, poseDifference(device.pose, last_device_pose_));
+  displacement = poseDifference(device.pose, last_device_pose_);
+  observer_.add(last_sent_, displacement);
   last_device_pose_ = device.pose;
   return device;
 }
 
 const HandleModel* HapticLoop::takeModel(const HandleModel* newest, TickFlags& flags) noexcept {
+  const bool is_new = newest && (!has_model_ || newest->time != model_.time);
+  const bool counts = is_new && settings_.rendering != Rendering::live;  // those are counted where they are replayed
   if (newest && isFinite(*newest)) {
     model_ = *newest;
     has_model_ = true;
+    if (counts) ++models_.given, ++models_.used;
   } else if (newest) {
     flags.set(TickFlag::model_rejected);
+    if (counts) ++models_.given, ++models_.refused;
   }
   if (has_model_ && model_.unsound) flags.set(TickFlag::model_unsound);
   if (has_model_) return &model_;
@@ -135,6 +150,8 @@ void HapticLoop::offer(const LiveUpdate& update) noexcept {
   LiveUpdate& pending = live_[1 - current_];
   if (has_live_ && update.model.index <= live_[current_].model.index) return;
   if (has_pending_ && update.model.index <= pending.model.index) return;
+  ++models_.given;
+  if (has_pending_) ++models_.overtaken;
   pending = update;
   has_pending_ = true;
 }
@@ -149,16 +166,17 @@ void HapticLoop::takeLive(TickFlags& flags) noexcept {
       live_tick_.replayTo(now, kMost, pending.model, settings_.dt, settings_.proxy.gravity, path_, pending.state);
   if (!known || !isFinite(pending.state) || !isFinite(pending.model)) {
     has_pending_ = false;
+    ++models_.refused;
     flags.set(TickFlag::model_rejected);
   } else if (pending.state.index < now) {
     flags.set(TickFlag::model_catching_up);
   } else {
     has_pending_ = false;
-    changeLive(flags);
+    ++(changeLive(flags) ? models_.used : models_.refused);
   }
 }
 
-void HapticLoop::changeLive(TickFlags& flags) noexcept {
+bool HapticLoop::changeLive(TickFlags& flags) noexcept {
   LiveUpdate& next = live_[1 - current_];
   if (has_live_) {
     const LiveUpdate& used = live_[current_];
@@ -170,11 +188,12 @@ void HapticLoop::changeLive(TickFlags& flags) noexcept {
     if (verdict == SwitchAccount::Verdict::damped) flags.set(TickFlag::model_damped);
     if (verdict == SwitchAccount::Verdict::refused) {
       flags.set(TickFlag::model_rejected);
-      return;
+      return false;
     }
   }
   current_ = 1 - current_;
   has_live_ = true;
+  return true;
 }
 
 TickFlags HapticLoop::stepLive(const DeviceState& device) noexcept {

@@ -47,6 +47,14 @@ struct TickRecord {
   TickFlags flags;
 };
 
+/// What became of the models that the loop was given; each is counted once.
+struct ModelAccount {
+  std::uint64_t given = 0;
+  std::uint64_t used = 0;
+  std::uint64_t refused = 0;    ///< not finite, too much energy, or too old to be replayed
+  std::uint64_t overtaken = 0;  ///< a newer one came before it was used
+};
+
 /// All that a tick depends on besides its input and the settings: copied, and given back to a loop with the same
 /// settings, it makes the run go on to the bit.
 struct HapticLoopState {
@@ -65,6 +73,7 @@ struct HapticLoopState {
   Pose device_pose;          ///< of the last tick
   Vec6 sent = Vec6::Zero();  ///< by the last tick [N; N m]
   double last_time = 0.0;    ///< of the last tick [s]
+  ModelAccount models;
 };
 
 /// The haptic loop without its clock: lockstep and real time run the same tick. After construction nothing in it
@@ -110,15 +119,16 @@ class HapticLoop {
 
   const TickCounters& counters() const noexcept { return counters_; }
   const PassivityObserver& passivity() const noexcept { return observer_; }
+  const ModelAccount& models() const noexcept { return models_; }
   /// Energy at changes of live models.
   const SwitchAccount& switches() const noexcept { return account_; }
   const HapticSettings& settings() const noexcept { return settings_; }
 
  private:
-  DeviceState readDevice(const DeviceState& sample, TickFlags& flags) noexcept;
+  DeviceState readDevice(const DeviceState& sample, double since_last, Vec6& displacement, TickFlags& flags) noexcept;
   const HandleModel* takeModel(const HandleModel* newest, TickFlags& flags) noexcept;
   void takeLive(TickFlags& flags) noexcept;
-  void changeLive(TickFlags& flags) noexcept;
+  bool changeLive(TickFlags& flags) noexcept;
   TickFlags stepLive(const DeviceState& device) noexcept;
   Vec6 render(const HandleModel* model, const DeviceState& device, TickRecord& record) noexcept;
   Vec6 compensate(const Vec6& wrench, const Pose& handle) const noexcept;
@@ -136,6 +146,7 @@ class HapticLoop {
   bool has_live_ = false, has_pending_ = false;
   LiveTick live_tick_;
   SwitchAccount account_;
+  ModelAccount models_;
   HandlePath path_;
   double start_time_ = 0.0, last_time_ = 0.0;
   Pose last_device_pose_;

@@ -1,8 +1,10 @@
 #include "palpate/haptics/realtime.h"
 
+#include <fcntl.h>
 #include <pthread.h>
 #include <sched.h>
 #include <sys/mman.h>
+#include <sys/prctl.h>
 #include <sys/resource.h>
 #include <time.h>
 #include <unistd.h>
@@ -56,6 +58,35 @@ std::vector<DurationHistogram::Bin> DurationHistogram::bins() const {
   return out;
 }
 
+namespace {
+
+// @returns the core, or -1 if there is only one, or none is granted
+int stayOnOneCore() {
+  cpu_set_t allowed;
+  CPU_ZERO(&allowed);
+  if (sched_getaffinity(0, sizeof allowed, &allowed) != 0 || CPU_COUNT(&allowed) < 2) return -1;
+  int core = CPU_SETSIZE - 1;
+  while (!CPU_ISSET(core, &allowed)) --core;
+  cpu_set_t one;
+  CPU_ZERO(&one);
+  CPU_SET(core, &one);
+  return sched_setaffinity(0, sizeof one, &one) == 0 ? core : -1;
+}
+
+}  // namespace
+
+AwakeCores::AwakeCores() noexcept : file_(open("/dev/cpu_dma_latency", O_WRONLY | O_CLOEXEC)) {
+  const std::int32_t none = 0;  // [us] that waking up may take, for as long as the file is open
+  if (file_ >= 0 && write(file_, &none, sizeof none) != static_cast<ssize_t>(sizeof none)) {
+    close(file_);
+    file_ = -1;
+  }
+}
+
+AwakeCores::~AwakeCores() {
+  if (file_ >= 0) close(file_);
+}
+
 RealtimeGrant requestRealtime(int priority) {
   RealtimeGrant grant;
   sched_param parameters{};
@@ -63,6 +94,8 @@ RealtimeGrant requestRealtime(int priority) {
   const int error = pthread_setschedparam(pthread_self(), SCHED_FIFO, &parameters);
   grant.scheduled = error == 0;
   if (error != 0) grant.reason = std::string("SCHED_FIFO refused: ") + std::strerror(error);
+  if (grant.scheduled) grant.core = stayOnOneCore();
+  prctl(PR_SET_TIMERSLACK, 1UL);  // [ns]; threads of real-time priority have none
   // Pages are locked when they are first touched, or every thread's whole stack would be taken. Where the amount is
   // limited, later memory stays unlocked: beyond the limit it would be refused.
   rlimit limit{};
@@ -101,6 +134,20 @@ std::int64_t PeriodicClock::wait(PeriodicReport& report) noexcept {
   while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &until, nullptr) == EINTR) {
   }
   report.wake_latency.add(std::chrono::nanoseconds(Clock::now() - deadline).count());
+  return next_++;
+}
+
+std::int64_t PeriodicClock::follow(PeriodicReport& report) noexcept {
+  constexpr std::int64_t kSlack = 3;
+  const std::chrono::nanoseconds elapsed = Clock::now() - start_;
+  if (elapsed < next_ * period_ - kSlack * period_) return -1;
+  const std::int64_t behind = elapsed / period_ - next_;
+  if (behind > kSlack) {
+    report.missed += static_cast<std::uint64_t>(behind);
+    report.most_missed = std::max(report.most_missed, static_cast<std::uint64_t>(behind));
+    next_ += behind;
+  }
+  report.wake_latency.add(std::chrono::nanoseconds(elapsed - next_ * period_).count());
   return next_++;
 }
 

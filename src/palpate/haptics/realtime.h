@@ -40,12 +40,28 @@ class DurationHistogram {
 struct RealtimeGrant {
   bool scheduled = false;      ///< SCHED_FIFO
   bool memory_locked = false;  ///< mlockall
+  int core = -1;               ///< that the thread stays on; -1: any
   std::string reason;          ///< why not, for people; empty when both were granted
 };
 
 /// Asks for SCHED_FIFO at `priority` (1 to 99) for the calling thread, and for the process's memory to stay in RAM.
-/// Both may be refused; the thread goes on either way.
+/// Both may be refused; the thread goes on either way. A thread with that priority stays on one core, the last that the
+/// process may use, if there are more: without the priority it would wait there for others. Timers of the thread are
+/// not put off to save power.
 RealtimeGrant requestRealtime(int priority);
+
+/// While it lives, no core sleeps so deeply that waking up takes long, if the system grants it.
+class AwakeCores {
+ public:
+  AwakeCores() noexcept;
+  ~AwakeCores();
+  AwakeCores(const AwakeCores&) = delete;
+  AwakeCores& operator=(const AwakeCores&) = delete;
+  bool granted() const noexcept { return file_ >= 0; }
+
+ private:
+  int file_;
+};
 
 /// Timing of a periodic thread.
 struct PeriodicReport {
@@ -69,6 +85,9 @@ class PeriodicClock {
   void start(Clock::time_point first = Clock::now()) noexcept;
   /// Sleeps until the next deadline. @return its number k; deadlines skipped since the last call are missed
   std::int64_t wait(PeriodicReport& report) noexcept;
+  /// For a thread that somebody else wakes, about as often: number of its tick, or -1 for a call that is one too many.
+  /// Up to three ticks early or late are taken as they come; more behind are missed.
+  std::int64_t follow(PeriodicReport& report) noexcept;
   /// Deadline of tick k [s] since start(): k * period.
   double time(std::int64_t k) const noexcept;
   /// [s] since start().

@@ -27,6 +27,13 @@ enum class TickFlag : std::uint32_t {
   model_unsound,           ///< the visual step of the model in use failed, was cut, or its contact was not solved
   gap,                     ///< first tick after a gap in time: the force starts from zero
   fading,                  ///< the force leaves, as the run ends
+  device_lost,             ///< sample was rejected, or the device is frozen: the force leaves
+  button_released,         ///< dead-man button is not pressed: the force leaves
+  outside_workspace,       ///< device is too far from the start: the force leaves
+  gate_closed,             ///< start gate: it is not known yet that somebody holds the device
+  oscillation,             ///< force was found to swing by itself: it leaves, and comes back with half its size
+  calmed,                  ///< force is smaller, as it has swung
+  device_limited,  ///< to what the device gives now, which is less: clutch, warm motors, its return after a loss
   count
 };
 
@@ -52,7 +59,14 @@ constexpr const char* toString(TickFlag flag) {
                                                           "model_damped",
                                                           "model_unsound",
                                                           "gap",
-                                                          "fading"};
+                                                          "fading",
+                                                          "device_lost",
+                                                          "button_released",
+                                                          "outside_workspace",
+                                                          "gate_closed",
+                                                          "oscillation",
+                                                          "calmed",
+                                                          "device_limited"};
   return names[static_cast<std::size_t>(flag)];
 }
 
