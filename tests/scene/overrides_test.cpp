@@ -80,7 +80,12 @@ TEST(Overrides, RejectBadValuesByOption) {
   EXPECT_EQ(rejectedOverride({.derivative = "none"}), "--derivative: \"none\" is not one of frozen, full");
   EXPECT_EQ(rejectedOverride({.cone = "round"}), "--cone: \"round\" is not one of polyhedral, exact");
   EXPECT_EQ(rejectedOverride({.handle = "grap"}), "--handle: the tool has no handle \"grap\"; the nearest is \"grip\"");
-  EXPECT_EQ(rejectedOverride({.device = "omni"}), "--device: \"omni\" is not one of simulated, prescribed, recorded");
+  EXPECT_EQ(rejectedOverride({.device = "omni"}),
+            "--device: \"omni\" is not one of simulated, prescribed, recorded, inverse3, touch, force_dimension, "
+            "spacenavigator");
+  EXPECT_EQ(rejectedOverride({.device = "touch:nmae=x"}),
+            "--device: unknown option \"nmae\"; the nearest known option is \"name\"");
+  EXPECT_EQ(rejectedOverride({.device = "simulated:name=x"}), "--device: simulated has no options");
   EXPECT_EQ(rejectedOverride({.device = "recorded:/no/such.csv"}), "--device: no such file \"/no/such.csv\"");
   EXPECT_EQ(rejectedOverride({.latency = -1}), "--latency: -1 is out of range; it must be from 0 to 100");
   EXPECT_EQ(rejectedOverride({.latency = 1LL << 40}),

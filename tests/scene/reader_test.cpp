@@ -95,6 +95,12 @@ TEST(SceneReader, ReadsContactLinkDeviceAndSafety) {
   EXPECT_EQ(scene.safety.settings.gap_limit, 0.04);
   EXPECT_EQ(scene.safety.settings.gap_ramp, 0.7);
   EXPECT_EQ(scene.safety.model_age_limit, 0.2);
+  const PresenceSettings& presence = scene.safety.settings.presence;
+  EXPECT_EQ(presence.dead_man, 3);
+  EXPECT_TRUE(presence.start_gate);
+  EXPECT_EQ(presence.workspace, 0.15);
+  EXPECT_EQ(presence.frozen_limit, 1.5);
+  EXPECT_FALSE(scene.safety.settings.oscillation.enabled);
   const PassivitySettings& passivity = scene.safety.settings.passivity;
   EXPECT_TRUE(passivity.enabled);
   EXPECT_EQ(passivity.allowance, 0.02);
@@ -142,8 +148,32 @@ TEST(SceneReader, ReadsAttachments) {
   EXPECT_EQ(scene.tool.attachments[1].motion.keyframes[1].position.z(), 0.01);
   EXPECT_FALSE(scene.tool.attachments[1].motion.smooth);
   EXPECT_TRUE(scene.tool.attachments[0].motion.keyframes.empty());
-  EXPECT_EQ(scene.method, MethodName::hsl);  // live is for tools that nothing but the hand holds
+  EXPECT_EQ(scene.method, MethodName::hsl);  // live is for tools that the world does not hold
   EXPECT_EQ(read(kSmallScene).method, MethodName::live);
+}
+
+// A tool that is glued is felt with live where something holds what it is glued to, if only through others.
+TEST(SceneReader, MethodOfAGluedToolGoesByWhatHoldsIt) {
+  const std::string region = "region: {halfspace: {point: [0, 0, 0.02], normal: [0, 0, -1]}}";
+  const auto scene = [&](const std::string& of_tool, const std::string& of_lower, const std::string& method = "") {
+    const auto attached = [&](const std::string& to, const char* indent) {
+      return to.empty() ? std::string()
+                        : fmt::format("{}attachments: {{joint: {{{}{}}}}}\n", indent, region,
+                                      to == "world" ? std::string() : ", to: " + to);
+    };
+    return replaced(kSmallScene, "  handles:", attached(of_tool, "  ") + "  handles:") + method +
+           "bodies:\n  - {name: upper, shape: {bar: {size: [0.1, 0.1, 0.1], cells: [2, 2, 2]}}, attachments: {joint: "
+           "{" +
+           region + ", to: lower}}}\n  - name: lower\n    shape: {bar: {size: [0.1, 0.1, 0.1], cells: [2, 2, 2]}}\n" +
+           attached(of_lower, "    ");
+  };
+  EXPECT_EQ(read(scene("", "")).method, MethodName::live);
+  EXPECT_EQ(read(scene("upper", "world")).method, MethodName::live);
+  EXPECT_EQ(read(scene("", "tool")).method, MethodName::hsl);
+  EXPECT_EQ(read(scene("upper", "")).method, MethodName::hsl);
+  EXPECT_EQ(read(scene("upper", "", "method: vc\n")).method, MethodName::vc);
+  EXPECT_NE(rejectedText(scene("upper", "", "method: live\n")).find("nothing holds upper; take hsl"),
+            std::string::npos);
 }
 
 // Springs have their stiffness per area of the surface in the region, here half a sphere's.
@@ -467,6 +497,10 @@ const BadChange kBadRanges[] = {
     {"gap_limit: 0.04", "gap_limit: 0", "safety.gap_limit (", "above 0"},
     {"gap_ramp: 0.7", "gap_ramp: -1", "safety.gap_ramp (", "at least 0"},
     {"model_age_limit: 0.2", "model_age_limit: 0", "safety.model_age_limit (", "above 0"},
+    {"dead_man: 3", "dead_man: 33", "safety.dead_man (", "32"},
+    {"start_gate: true", "start_gate: 2", "safety.start_gate (", ""},
+    {"workspace: 0.15", "workspace: 0", "safety.workspace (", "above 0"},
+    {"frozen_limit: 1.5", "frozen_limit: -1", "safety.frozen_limit (", "above 0"},
 };
 
 const BadChange kBadContact[] = {

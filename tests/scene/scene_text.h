@@ -138,6 +138,11 @@ safety:
   gap_limit: 0.04
   gap_ramp: 0.7
   model_age_limit: 0.2
+  dead_man: 3
+  start_gate: true
+  workspace: 0.15
+  frozen_limit: 1.5
+  stop_swings: false
   passivity: {allowance: 0.02, max_damping: 1.5, max_rotational_damping: 0.004}
 weight_compensation: true
 jitter: 3

@@ -45,6 +45,12 @@ void SimulatedDevice::begin(const Vec6& wrench) noexcept {
   state_ = DeviceState{path_.at(0.0, start_).pose, Vec6::Zero(), 0};
 }
 
+void SimulatedDevice::takeInHand(double stiffness, double damping) noexcept {
+  if (stiffness > 0) hand_offset_.head<3>() *= settings_.hand_stiffness / stiffness;
+  settings_.hand_stiffness = stiffness;
+  settings_.hand_damping = damping;
+}
+
 DeviceState SimulatedDevice::sample(double) noexcept { return state_; }
 
 void SimulatedDevice::apply(const Vec6& wrench, double t, double dt) noexcept {

@@ -47,6 +47,8 @@ class SimulatedDevice : public Device {
  protected:
   /// Where the hand wants the device at the end of the tick [t, t + dt), before begin()'s offset.
   virtual Path::Point target(double t, double dt) noexcept { return path_.at(t + dt, start_); }
+  /// Another hand from the next tick on; what it carried at the start it carries in its own springs.
+  void takeInHand(double stiffness, double damping) noexcept;
   const Pose& startPose() const noexcept { return start_; }
   const Path& path() const noexcept { return path_; }
 

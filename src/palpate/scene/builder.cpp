@@ -10,6 +10,7 @@
 #include "palpate/common/cancellation.h"
 #include "palpate/common/error.h"
 #include "palpate/common/overloaded.h"
+#include "palpate/devices/hardware_device.h"
 #include "palpate/devices/prescribed_device.h"
 #include "palpate/devices/recorded_device.h"
 #include "palpate/devices/simulated_device.h"
@@ -184,6 +185,10 @@ Obstacle buildObstacle(const ObstacleConfig& config) {
 
 std::unique_ptr<Device> buildDevice(const SceneConfig& config, Pose& start) {
   const DeviceConfig& d = config.device;
+  if (isHardware(d.kind)) {
+    if (!d.driver) throw InputError("device", toString(d.kind), "is only for palpate run and palpate view");
+    return std::make_unique<HardwareDevice>(d.driver, workspaceSettings(d.options), start);
+  }
   if (d.kind == DeviceName::recorded) {
     MotionRecording motion = readMotion(d.recording->path);
     auto device = std::make_unique<RecordedDevice>(std::move(motion), d.limits);

@@ -4,8 +4,11 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
+#include <set>
 #include <utility>
 
+#include "palpate/devices/driver_list.h"
 #include "palpate/scene/checks.h"
 #include "palpate/scene/limits.h"
 
@@ -40,7 +43,11 @@ const std::vector<std::string>& derivativeNames() {
   return names;
 }
 const std::vector<std::string>& deviceNames() {
-  static const std::vector<std::string> names{"simulated", "prescribed", "recorded"};
+  static const std::vector<std::string> names = [] {
+    std::vector<std::string> out{"simulated", "prescribed", "recorded"};
+    for (const DriverKind& kind : driverKinds()) out.emplace_back(kind.name);
+    return out;
+  }();
   return names;
 }
 const std::vector<std::string>& coneNames() {
@@ -59,6 +66,16 @@ const char* toString(DeviceName device) { return spelling(deviceNames(), device)
 
 bool isSurface(const ShapeConfig& shape) {
   return !std::holds_alternative<BarShapeConfig>(shape) && !std::holds_alternative<TetrahedraFileShapeConfig>(shape);
+}
+
+LinkParameters LinkConfig::over(LinkParameters link) const {
+  link.stiffness = stiffness.value_or(link.stiffness);
+  link.damping = damping.value_or(link.damping);
+  link.rotational_stiffness = rotational_stiffness.value_or(link.rotational_stiffness);
+  link.rotational_damping = rotational_damping.value_or(link.rotational_damping);
+  link.peak_force = peak_force.value_or(link.peak_force);
+  link.peak_torque = peak_torque.value_or(link.peak_torque);
+  return link;
 }
 
 const HandleConfig& ToolConfig::chosenHandle() const {
@@ -99,16 +116,50 @@ std::optional<std::string> sizeObjection(const SceneConfig& config) {
   return fmt::format("the scene asks for {:.0f} tetrahedra; at most {} are allowed", total, limits::kTetrahedra);
 }
 
+namespace {
+
+// A body that is glued to the tool, in a chain of glue without it, of which the world holds none.
+std::optional<std::string> hangsOnTool(const SceneConfig& config) {
+  const std::string& tool = config.tool.name;
+  std::map<std::string, std::vector<std::string>> glued;
+  std::set<std::string> held;
+  const auto add = [&](const BodyConfig& body) {
+    for (const AttachmentConfig& a : body.attachments) {
+      if (a.to.empty()) {
+        held.insert(body.name);
+      } else {
+        glued[body.name].push_back(a.to);
+        glued[a.to].push_back(body.name);
+      }
+    }
+  };
+  add(config.tool);
+  for (const FreeBodyConfig& body : config.bodies) add(body);
+  for (const std::string& first : glued[tool]) {
+    std::vector<std::string> chain{first};
+    bool holds = held.contains(first);
+    for (std::size_t k = 0; k < chain.size(); ++k) {
+      for (const std::string& next : std::vector(glued[chain[k]])) {
+        if (next == tool || std::find(chain.begin(), chain.end(), next) != chain.end()) continue;
+        chain.push_back(next);
+        holds |= held.contains(next);
+      }
+    }
+    if (!holds) return first;
+  }
+  return std::nullopt;
+}
+
+}  // namespace
+
 std::optional<std::string> methodObjection(const SceneConfig& config) {
   if (config.method != MethodName::live) return std::nullopt;
-  const auto glued = [&](const FreeBodyConfig& body) {
-    return std::any_of(body.attachments.begin(), body.attachments.end(),
-                       [&](const AttachmentConfig& a) { return a.to == config.tool.name; });
-  };
-  if (!config.tool.attachments.empty())
-    return "live is for tools that move as a whole, and this one has attachments; take hsl";
-  if (std::any_of(config.bodies.begin(), config.bodies.end(), glued))
-    return "live is for tools that move as a whole, and a body is glued to this one; take hsl";
+  const std::vector<AttachmentConfig>& own = config.tool.attachments;
+  if (std::any_of(own.begin(), own.end(), [](const AttachmentConfig& a) { return a.to.empty(); }))
+    return "live is for tools that move as a whole, and the world holds this one; take hsl";
+  if (const auto hangs = hangsOnTool(config))
+    return fmt::format(
+        "live needs to know what a body that is glued to the tool is held by, and nothing holds {}; take hsl", *hangs);
   return std::nullopt;
 }
 

@@ -3,6 +3,7 @@
 #include <array>
 #include <cstdint>
 #include <filesystem>
+#include <limits>
 #include <memory>
 #include <optional>
 #include <string>
@@ -10,6 +11,8 @@
 #include <vector>
 
 #include "palpate/contact/contact_settings.h"
+#include "palpate/devices/device_options.h"
+#include "palpate/devices/driver.h"
 #include "palpate/devices/simulated_device.h"
 #include "palpate/fem/material.h"
 #include "palpate/haptics/safety.h"
@@ -34,8 +37,9 @@ enum class AimName { sample, predicted };
 /// Derivative of the step that the handle model holds: stiffness and element rotations frozen, or everything live.
 enum class DerivativeName { frozen, full };
 /// Where the device's motion comes from: a hand model that pulls the device's mass along the handle's keyframes, the
-/// keyframes themselves, or a recording.
-enum class DeviceName { simulated, prescribed, recorded };
+/// keyframes themselves, a recording, or a device on a desk (isHardware(); in the order of driverKinds()).
+enum class DeviceName { simulated, prescribed, recorded, inverse3, touch, force_dimension, spacenavigator };
+inline bool isHardware(DeviceName device) { return device > DeviceName::recorded; }
 /// Coordinate axis.
 enum class AxisName { x, y, z };
 
@@ -261,10 +265,26 @@ struct ContactConfig {
   std::vector<FrictionPairConfig> pairs;  ///< go before all other coefficients
 };
 
+/// Without any.
+inline DeviceLimits unlimited() {
+  constexpr double kNone = std::numeric_limits<double>::infinity();
+  return {kNone, kNone, kNone, kNone, kNone, kNone, kNone, kNone};
+}
+
 /// Any kind has the limits; the other settings are for a simulated one.
 struct DeviceConfig : SimulatedDeviceSettings {
   DeviceName kind = DeviceName::simulated;
   std::optional<FileReference> recording;  ///< of a recorded device
+  DeviceOptions options;                   ///< of one on a desk: its driver's and workspaceOptions()
+  DeviceLimits caps = unlimited();         ///< the limits that the file gives, for one that has limits of its own
+  std::shared_ptr<DeviceDriver> driver;    ///< of one on a desk, once openDevice() has run
+};
+
+/// What the file gives of the link.
+struct LinkConfig {
+  std::optional<double> stiffness, damping, rotational_stiffness, rotational_damping, peak_force, peak_torque;
+  /// The link with what is given.
+  LinkParameters over(LinkParameters link) const;
 };
 
 /// Last stage before the device.
@@ -281,6 +301,7 @@ struct SceneConfig {
   Vec3 gravity{0.0, 0.0, -9.81};        ///< [m/s^2]
   double duration = 10.0;               ///< [s]
   double visual_step = 0.033;           ///< [s], ticksPerStep() times haptic_step
+  bool visual_step_auto = false;        ///< a run chooses the step, up to that one
   std::optional<double> visual_budget;  ///< what a visual step may cost [s]; absent: stepBudget()
   int substeps = 1;                     ///< equal parts in which a visual step is taken
   bool substeps_auto = false;           ///< as many as fit the time; `substeps` is 1 then
@@ -299,6 +320,7 @@ struct SceneConfig {
   std::vector<FreeBodyConfig> bodies;
   std::vector<ObstacleConfig> obstacles;
   LinkParameters link;  ///< what the file leaves out is what the device's limits allow
+  LinkConfig link_given;
   DeviceConfig device;
   SafetyConfig safety;
 

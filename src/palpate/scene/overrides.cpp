@@ -6,6 +6,7 @@
 
 #include "palpate/common/error.h"
 #include "palpate/scene/checks.h"
+#include "palpate/scene/hardware.h"
 #include "palpate/scene/limits.h"
 #include "palpate/scene/reader.h"
 
@@ -52,7 +53,18 @@ void setDevice(const std::string& device, DeviceConfig& config) {
     return;
   }
   const bool had_recording = config.recording.has_value();
-  choose("--device", device, deviceNames(), config.kind);
+  const std::size_t colon = device.find(':');
+  const DeviceName before = config.kind;
+  choose("--device", device.substr(0, colon), deviceNames(), config.kind);
+  if (config.kind != before) config.options = {};
+  if (colon != std::string::npos) {
+    if (!isHardware(config.kind)) fail("--device", fmt::format("{} has no options", toString(config.kind)));
+    auto values = config.options.values();
+    const DeviceOptions given = DeviceOptions::parse(device.substr(colon + 1));
+    for (const auto& [key, value] : given.values()) values[key] = value;
+    config.options = DeviceOptions(std::move(values));
+  }
+  if (isHardware(config.kind)) failOn("--device", deviceObjection(config));
   if (config.kind == DeviceName::recorded && !had_recording)
     fail("--device", "a recording is needed; write recorded:FILE");
   if (config.kind != DeviceName::recorded) config.recording.reset();
@@ -92,6 +104,7 @@ void applyOverrides(SceneConfig& config, const Overrides& overrides) {
   if (overrides.duration) failOn("--duration", timingObjection(changed));
   setNumber("--visual-dt", overrides.visual_dt, limits::kVisualStep, changed.visual_step);
   if (overrides.visual_dt) failOn("--visual-dt", timingObjection(changed));
+  if (overrides.visual_dt || overrides.visual_auto) changed.visual_step_auto = overrides.visual_auto;
   setInteger("--latency", overrides.latency, 0, limits::kLatency, changed.latency);
   setInteger("--jitter", overrides.jitter, 0, limits::kLatency, changed.jitter);
   setSeed(overrides.seed, changed);

@@ -15,9 +15,10 @@ struct Overrides {
   std::optional<std::string> cone{};        ///< --cone: polyhedral or exact
   std::optional<std::string> handle{};      ///< --handle: one of the tool's
   std::optional<std::string>
-      device{};  ///< --device: simulated, prescribed or recorded:FILE, FILE relative to the working folder
+      device{};  ///< --device: simulated, prescribed, recorded:FILE (relative to the working folder), NAME[:options]
   std::optional<double> duration{};       ///< --duration [s]
   std::optional<double> visual_dt{};      ///< --visual-dt [s]
+  bool visual_auto = false;               ///< --visual-dt auto: up to the scene's step
   std::optional<long long> latency{};     ///< --latency, visual steps
   std::optional<long long> jitter{};      ///< --jitter, visual steps
   std::optional<long long> seed{};        ///< --seed

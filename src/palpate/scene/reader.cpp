@@ -8,6 +8,7 @@
 #include "palpate/common/error.h"
 #include "palpate/haptics/coupling.h"
 #include "palpate/scene/checks.h"
+#include "palpate/scene/hardware.h"
 #include "palpate/scene/limits.h"
 #include "palpate/scene/read_parts.h"
 
@@ -24,7 +25,7 @@ constexpr int kMaxSubsteps = 1000;
 // Link, device, safety
 // ----------------------------------------------------------------------------------------
 
-void readLink(const Value& value, LinkParameters& link) {
+void readLink(const Value& value, LinkConfig& link) {
   value.fields({numberField("stiffness", link.stiffness, Range::positive(1e6, "N/m")),
                 numberField("damping", link.damping, Range::within(0.0, 1e4, "N s/m")),
                 numberField("rotational_stiffness", link.rotational_stiffness, Range::positive(1e4, "N m/rad")),
@@ -42,9 +43,14 @@ void readLimits(const Value& value, DeviceLimits& limits) {
                 numberField("rotational_stiffness", limits.rotational_stiffness, Range::positive(1e4, "N m/rad")),
                 numberField("rotational_damping", limits.rotational_damping, Range::within(0.0, 100.0, "N m s/rad")),
                 numberField("workspace_radius", limits.workspace_radius, Range::positive(10.0, "m"))});
-  if (limits.continuous_force > limits.peak_force)
-    value.fail(
-        fmt::format("continuous_force {:g} N is above peak_force {:g} N", limits.continuous_force, limits.peak_force));
+}
+
+// Of a driver, which knows what they mean.
+void readOptions(const Value& value, DeviceConfig& device) {
+  std::map<std::string, std::string> values;
+  for (const auto& [key, item] : value.namedEntries(100)) values[key] = item.text(4096);
+  device.options = DeviceOptions(std::move(values));
+  if (const auto cause = deviceObjection(device)) value.fail(*cause);
 }
 
 void readDevice(const Value& value, DeviceConfig& device) {
@@ -62,7 +68,15 @@ void readDevice(const Value& value, DeviceConfig& device) {
        numberField("hand_damping", device.hand_damping, Range::within(0.0, 1e4, "N s/m")),
        numberField("hand_rotational_stiffness", device.hand_rotational_stiffness, Range::within(0.0, 1e4, "N m/rad")),
        numberField("hand_rotational_damping", device.hand_rotational_damping, Range::within(0.0, 100.0, "N m s/rad")),
-       {"limits", [&](const Value& v) { readLimits(v, device.limits); }}});
+       {"options", [&](const Value& v) { readOptions(v, device); }},
+       {"limits", [&](const Value& v) {
+          DeviceLimits& limits = device.limits;
+          readLimits(v, limits);
+          readLimits(v, device.caps);
+          if (limits.continuous_force <= limits.peak_force) return;
+          v.fail(fmt::format("continuous_force {:g} N is above peak_force {:g} N", limits.continuous_force,
+                             limits.peak_force));
+        }}});
   const bool recorded = device.kind == DeviceName::recorded;
   if (recorded && !device.recording) value.fail("a recorded device needs a file");
   if (!recorded && device.recording) value.fail("only a recorded device has a file");
@@ -78,11 +92,17 @@ void readPassivity(const Value& value, PassivitySettings& passivity) {
 }
 
 void readSafety(const Value& value, SafetyConfig& safety) {
+  PresenceSettings& presence = safety.settings.presence;
   value.fields({numberField("max_slew", safety.settings.max_slew, Range::positive(1e7, "N/s")),
                 numberField("start_ramp", safety.settings.start_ramp, Range::within(0.0, 10.0, "s")),
                 numberField("gap_limit", safety.settings.gap_limit, Range::positive(10.0, "s")),
                 numberField("gap_ramp", safety.settings.gap_ramp, Range::within(0.0, 10.0, "s")),
                 numberField("model_age_limit", safety.model_age_limit, Range::positive(10.0, "s")),
+                {"dead_man", [&](const Value& item) { presence.dead_man = static_cast<int>(item.integer(0, 32)); }},
+                {"start_gate", [&](const Value& item) { presence.start_gate = item.boolean(); }},
+                numberField("workspace", presence.workspace, Range::positive(10.0, "m")),
+                numberField("frozen_limit", presence.frozen_limit, Range::positive(10.0, "s")),
+                {"stop_swings", [&](const Value& item) { safety.settings.oscillation.enabled = item.boolean(); }},
                 {"passivity", [&](const Value& item) { readPassivity(item, safety.settings.passivity); }}});
 }
 
@@ -110,6 +130,12 @@ void readSubsteps(const Value& value, SceneConfig& config) {
   config.substeps = value.integer(1, kMaxSubsteps);
 }
 
+/// A number, or `auto`.
+void readVisualStep(const Value& value, SceneConfig& config) {
+  config.visual_step_auto = value.isScalar() && value.text(100) == "auto";
+  if (!config.visual_step_auto) config.visual_step = value.number(limits::kVisualStep);
+}
+
 void readLive(const Value& value, LiveSettings& live) {
   value.fields({integerField("modes", live.modes, 0, LiveSize::kModes),
                 integerField("contacts", live.contacts, 1, LiveSize::kContacts),
@@ -122,7 +148,7 @@ void readLive(const Value& value, LiveSettings& live) {
 
 std::vector<Field> runFields(SceneConfig& config, bool& method_given) {
   const auto readVisual = [&config](const Value& value) {
-    value.fields({required(numberField("step", config.visual_step, limits::kVisualStep)),
+    value.fields({required({"step", [&config](const Value& v) { readVisualStep(v, config); }}),
                   {"substeps", [&config](const Value& v) { readSubsteps(v, config); }},
                   numberField("budget", config.visual_budget, Range::positive(1000.0, "s"))});
   };
@@ -175,7 +201,11 @@ std::vector<Field> worldFields(SceneConfig& config, NameRegister& names) {
              readDevice(value, config.device);
              config.link = linkForDevice(config.device.limits);
            }},
-          {"link", [&config](const Value& value) { readLink(value, config.link); }},  // after what it defaults to
+          {"link",
+           [&config](const Value& value) {
+             readLink(value, config.link_given);
+             config.link = config.link_given.over(config.link);
+           }},  // after what it defaults to
           {"safety", [&config](const Value& value) { readSafety(value, config.safety); }}};
 }
 

@@ -203,6 +203,10 @@ void setRun(Editor& out, const SceneConfig& now, const SceneConfig& before) {
 
 void setDevice(Editor& out, const DeviceConfig& now, const DeviceConfig& before) {
   out.change({"device", "type"}, now.kind, before.kind, toString(now.kind));
+  if (!(now.options == before.options)) {
+    if (!isHardware(now.kind)) out.set({"device", "options"}, Pointer());
+    for (const auto& [key, value] : now.options.values()) out.set({"device", "options", key}, scalar(value));
+  }
   const auto fileOf = [](const DeviceConfig& d) { return d.recording ? d.recording->file : std::string(); };
   if (fileOf(now) == fileOf(before)) return;
   // one of the command line is relative to where the program runs
