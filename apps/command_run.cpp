@@ -1,6 +1,7 @@
 #include <fmt/format.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <csignal>
 #include <cstdio>
 #include <cstdlib>
@@ -16,6 +17,8 @@
 #include "palpate/interactive/recorder.h"
 #include "palpate/results/run_files.h"
 #include "palpate/results/snapshots.h"
+#include "palpate/scene/hardware.h"
+#include "palpate/session/auto_step.h"
 #include "palpate/session/lockstep.h"
 #include "palpate/session/realtime_loops.h"
 #include "progress.h"
@@ -96,12 +99,33 @@ RunOutcome runScene(const RunOptions& options, const SceneConfig& config, BuiltS
   return outcome;
 }
 
-void run(const RunOptions& options) {
-  const SceneConfig config = options.scene.read();
+// Where the scene leaves its visual step to the machine: measured, and put in its place.
+std::optional<AutoStep> chosenStep(SceneConfig& config) {
+  if (!config.visual_step_auto) return std::nullopt;
+  fmt::print(stderr, "{}: warm-up, for the visual step\n", config.name);
+  const AutoStep chosen = chooseVisualStep(config);
+  config.visual_step = chosen.step;
+  config.visual_step_auto = false;
+  constexpr double kLeastAge = 0.05;  // [s] what a busy machine takes from a thread now and then is no reason to act
+  if (!config.safety.model_age_limit) {
+    config.safety.model_age_limit = std::max(kLeastAge, modelAgeLimit(chosen.step, config.latency + config.jitter));
+  }
+  if (!chosen.holds) {
+    fmt::print(stderr, "note: steps take {:.3g} ms, more than half of {:g} ms\n", 1e3 * chosen.cost_s,
+               1e3 * chosen.step);
+  }
+  return chosen;
+}
+
+void run(RunOptions options) {
+  SceneConfig config = options.scene.read();
+  if (isHardware(config.device.kind)) options.realtime = true;  // a hand keeps no virtual time
   if (options.realtime && !options.compare.empty()) {
     throw InputError("--compare", "", "needs a run in lockstep, without --realtime");
   }
   if (!options.compare.empty()) methodFor("--compare", options.compare, config);
+  openDevice(config);
+  const std::optional<AutoStep> chosen = chosenStep(config);
   BuiltScene scene = buildScene(config);
   for (const std::string& note : scene.notes) fmt::print(stderr, "note: {}\n", note);
   const std::string out = options.out.empty() ? "out/" + config.name : options.out;
@@ -122,6 +146,7 @@ void run(const RunOptions& options) {
   sink = recorder.watch(sink);
   sink.stopped = [&] { return interruptionAsked() || !files.failure().empty() || recorder.failed(); };
   RunOutcome outcome = runScene(options, config, scene, sink);
+  outcome.auto_step = chosen;
   recorder.finish();
   if (outcome.failure.empty()) outcome.failure = files.failure().empty() ? recorder.failure() : files.failure();
   std::optional<Comparison> comparison;

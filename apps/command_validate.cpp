@@ -11,11 +11,11 @@
 namespace palpate {
 namespace {
 
-void printScene(const SceneConfig& config, const BuiltScene& built) {
+void printScene(const SceneConfig& config, const BuiltScene& built, const char* device) {
   fmt::print("{}: {} tetrahedra, {} nodes, {} surface triangles; {} bodies, {} obstacles\n", config.name,
              built.tetrahedra, built.nodes, built.surface_triangles, 1 + config.bodies.size(), config.obstacles.size());
   fmt::print("{:g} s with {}, visual step {:g} s of {} haptic ticks, {} device\n", config.duration,
-             toString(config.method), config.visual_step, config.ticksPerStep(), toString(config.device.kind));
+             toString(config.method), config.visual_step, config.ticksPerStep(), device);
 }
 
 std::string place(const Vec3& p) {
@@ -57,8 +57,10 @@ void printHandle(const BuiltScene& built) {
 void validate(const SceneOptions& options) {
   SceneConfig config = options.read();
   const std::string chosen = config.tool.handle;
+  const DeviceName device = config.device.kind;
+  if (isHardware(device)) config.device.kind = DeviceName::simulated;  // it is not asked for here
   const BuiltScene first = buildScene(config);
-  printScene(config, first);
+  printScene(config, first, toString(device));
   for (int i = 0; i < first.world.bodies(); ++i) printBody(first.world, i);
   printHandle(first);
   for (const std::string& note : first.notes) fmt::print("note: {}\n", note);

@@ -13,6 +13,7 @@
 #include "palpate/common/interruption.h"
 #include "palpate/interactive/interactive_run.h"
 #include "palpate/protocol/server_messages.h"
+#include "palpate/scene/hardware.h"
 #include "scene_options.h"
 #include "serve.h"
 
@@ -92,12 +93,19 @@ std::vector<SceneEntry> scenesBeside(const SceneConfig& chosen) {
 }
 
 void view(const ViewOptions& options) {
-  const SceneConfig config = options.scene.read();
+  SceneConfig config = options.scene.read();
+  openDevice(config);
   const TemporaryFolder dropped;
   InteractiveOptions run_options;
   run_options.scenes = scenesBeside(config);
   run_options.open = [&config](const SceneEntry& entry) {
-    return entry.name == config.name ? config : readScene(entry.file);
+    if (entry.name == config.name) return config;
+    SceneConfig other = readScene(entry.file);
+    if (config.device.driver) {  // stays in the hand
+      other.device = config.device;
+      openDevice(other);
+    }
+    return other;
   };
   run_options.record_folder = options.out;
   run_options.record_from_start = options.record;

@@ -40,5 +40,7 @@ void addDevicesCommand(CLI::App& app);
 void addViewCommand(CLI::App& app);
 void addReplayCommand(CLI::App& app);
 void addExportCommand(CLI::App& app);
+void addLatencyCommand(CLI::App& app);
+void addSoakCommand(CLI::App& app);
 
 }  // namespace palpate

@@ -58,6 +58,8 @@ int main(int argc, char** argv) {
   palpate::addMeshCommand(app);
   palpate::addValidateCommand(app);
   palpate::addDevicesCommand(app);
+  palpate::addLatencyCommand(app);
+  palpate::addSoakCommand(app);
   // CLI11 would only say that a subcommand is required
   const auto known = app.get_subcommands([](const CLI::App*) { return true; });
   if (argc > 1 && argv[1][0] != '-' &&

@@ -33,10 +33,26 @@ struct SceneOptions {
 
   void addOverrides(CLI::App& command) {
     command.add_option("--method", overrides.method, "live, hsl, hsl-exact or vc")->type_name("NAME");
-    command.add_option("--visual-dt", overrides.visual_dt, "Length of a visual step, s")->type_name("S");
+    command
+        .add_option_function<std::string>(
+            "--visual-dt",
+            [this](const std::string& text) {
+              overrides.visual_auto = text == "auto";
+              double step = 0;
+              if (overrides.visual_auto) return;
+              if (!CLI::detail::lexical_cast(text, step)) {
+                throw CLI::ValidationError("--visual-dt", text + " is neither auto nor a number");
+              }
+              overrides.visual_dt = step;
+            },
+            "Length of a visual step, s, or auto: as short as this machine holds (palpate run)")
+        ->type_name("S");
     addCommonOverrides(command, overrides);
     command.add_option("--cone", overrides.cone, "Friction cone: polyhedral or exact")->type_name("NAME");
-    command.add_option("--device", overrides.device, "simulated, prescribed or recorded:FILE")->type_name("NAME");
+    command
+        .add_option("--device", overrides.device,
+                    "simulated, prescribed, recorded:FILE, or one of palpate devices, NAME[:key=value,...]")
+        ->type_name("NAME");
     command.add_option("--seed", overrides.seed, "Of everything random: jitter, the motion of palpate stress")
         ->type_name("N");
   }

@@ -10,8 +10,10 @@ import sys
 import tempfile
 
 import bad_input  # noqa: F401  registers its cases
+import devices  # noqa: F401
 import faults  # noqa: F401
 import mesh_files  # noqa: F401
+import safety  # noqa: F401
 import subcommands  # noqa: F401
 from harness import CASES, Context, Failure, Skip
 

@@ -12,7 +12,7 @@ import struct
 import subprocess
 import time
 
-from harness import SCENE, case, expect
+from harness import SCENE, Skip, case, expect
 
 HEAVY = "{sphere: {radius: 0.05}}\n  tetrahedra: 200000"  # half a minute of meshing
 SHAPE = "{bar: {size: [0.08, 0.06, 0.08], cells: [2, 2, 2]}}"
@@ -290,6 +290,43 @@ def fault_stopped_process(context):
     for line in ("! haptic ticks missed", "! gaps"):
         expect(line in output, f"the table does not say '{line}': {output}")
     expect('class="bad"' in (context.out / "report.html").read_text(), "nothing is red in the report")
+
+
+@case
+def fault_killed_process(context):
+    """SIGKILL leaves nobody to write anything: all but the last second is in the hidden files."""
+    process = context.start(["run", context.file("scene.yaml", SCENE), "--realtime", "--duration", "600", "--out", context.out])
+    deadline = time.monotonic() + 20
+    while time.monotonic() < deadline and not (context.out.exists() and list(context.out.glob(".haptic.csv.*"))):
+        time.sleep(0.02)
+    time.sleep(3)
+    process.kill()
+    process.communicate()
+    for name in ("haptic", "visual", "motion", "timing"):
+        found = list(context.out.glob(f".{name}.csv.partial-*"))
+        expect(len(found) == 1, f"{name}.csv: {found}")
+        last = found[0].read_text().splitlines()[-1]
+        expect(float(last.split(",")[0]) > 1.9, f"{name}.csv ends at {last[:60]}")
+
+
+@case
+def fault_clock_steps(context):
+    """The wall clock steps by an hour, there and back, at each look: a run in real time does not see it."""
+    shim = pathlib.Path(context.program).parent / "tests/cli/libclock_steps.so"
+    if not shim.exists():
+        raise Skip("the build has no tests")
+    scene = context.file("scene.yaml", SCENE)
+    process = context.start(["run", scene, "--realtime", "--duration", "1.5", "--out", context.out],
+                            env={**os.environ, "LD_PRELOAD": str(shim)})
+    begin = time.monotonic()
+    _, errors = process.communicate(timeout=30)
+    expect(process.returncode == 0, f"exit code {process.returncode}: {errors!r}")
+    expect("the wall clock steps" in errors, f"it does not: {errors!r}")
+    expect(time.monotonic() - begin < 10, "it waited for a clock")
+    summary = context.summary()["haptic"]
+    expect(summary["gaps"] == 0 and summary["missed_share"] < 0.2, f"summary: {summary}")
+    forces = sent_forces(context)
+    expect(all(a[0] < b[0] for a, b in zip(forces, forces[1:])) and forces[-1][0] <= 1.5, "times are out of order")
 
 
 @case

@@ -14,7 +14,7 @@ import urllib.request
 from harness import CASES, SCENE, case, expect
 
 SUBCOMMANDS = ["run", "one-d", "check", "evaluate", "stress", "mesh", "validate", "devices", "view",
-               "replay", "export"]
+               "replay", "export", "latency", "soak"]
 SCENES = sorted(p.stem for p in (pathlib.Path(__file__).parents[2] / "scenes").glob("*.yaml") if p.stem != "one-d")
 UNITS = r"_(s|ms|us|m|kg|N|Nm|Pa|J|rad|deg|Hz|m_s|rad_s|N_m|m3|m2|count)$"
 WITHOUT_UNIT = r"(^|_)(q?[wxyz]|contacts.*|iterations|.*iterations|residual|.*residual|active|buttons|flags?|step|tick|motion_share|redone|converged|.*_rel|scene|method|handle|device|aim|passes|status|missed|.*stale.*)$"
@@ -424,6 +424,65 @@ def mesh_make_alien(context):
     faces = sum(line.startswith("f ") for line in target.read_text().splitlines())
     expect(faces >= 4000, f"the alien has {faces} triangles")
     context.succeeds(["mesh", "info", target])
+
+
+@case
+def visual_step_auto(context):
+    """As short as the machine holds; a run with the number given is the same to the bit."""
+    scene = context.file("scene.yaml", SCENE.replace("{step: 0.02}", "{step: auto}"))
+    context.rejects(["run", scene, "--visual-dt", "some", "--out", context.out], ["--visual-dt", "auto"])
+    context.succeeds(["run", scene, "--out", context.out])
+    visual = context.summary()["visual"]
+    step, chosen = visual["step_s"], visual["auto"]
+    expect(chosen["holds"] and 1e3 * step >= chosen["warm_up_p99_ms"] / chosen["share"] * 0.999, f"{visual}")
+    expect(step < 0.02, f"{step} s for a step of {chosen['warm_up_p99_ms']} ms")
+    again = context.folder / "again"
+    context.succeeds(["run", scene, "--visual-dt", repr(step), "--out", again])
+    expect("auto" not in context.summary(again)["visual"], "it was chosen again")
+    for name in ("haptic.csv", "visual.csv", "motion.csv"):
+        expect((again / name).read_bytes() == (context.out / name).read_bytes(), f"{name} is another")
+    heavy = context.file("heavy.yaml", SCENE.replace("cells: [2, 2, 2]", "cells: [10, 8, 10]"))
+    context.succeeds(["run", heavy, "--visual-dt", "auto", "--out", context.folder / "heavy"])
+    longer = context.summary(context.folder / "heavy")["visual"]["step_s"]
+    expect(longer > step, f"{longer} s for a heavy scene, {step} s for a light one")
+    expect(longer <= 0.02 + 1e-12, "longer than the scene's own")
+
+
+@case
+def soak_of_shipped_scenes(context):
+    """The short version of the hour in docs/haptics.md."""
+    for name in ("alien", "bunnies"):
+        out = context.folder / name
+        context.succeeds(["soak", context.scene(name), "--duration", "25", "--out", out])
+        (summary,) = context.summary(out)
+        models = summary["models"]
+        expect(summary["ticks"] + summary["missed"] == 25000, f"{summary['ticks']} ticks, {summary['missed']} missed")
+        expect(models["made"] == sum(models[k] for k in ("used", "refused", "late", "under_way")), f"{models}")
+        expect(models["made"] > 300 and models["used"] > 0.5 * models["made"], f"{models}")
+        expect(summary["not_finite"] == 0 and not summary["failures"], f"{summary['failures']}")
+        expect(summary["hands"] == 2 and summary["peak_N"] > 0.2, f"{summary['hands']} hands, {summary['peak_N']} N")
+    context.rejects(["soak", context.file("still.yaml", SCENE.split("      hand:")[0])], ["keyframes"])
+
+
+@case
+def latency_measures_and_advises(context):
+    bare = context.folder / "bare"
+    output = context.succeeds(["latency", "--duration", "0.5", "--rates", "1000,4000", "--out", bare])
+    summary = context.summary(bare)
+    expect([r["rate_hz"] for r in summary["rates"]] == [1000, 4000], f"{summary['rates']}")
+    for rate in summary["rates"]:
+        wake = rate["wake_us"]
+        expect(0 < wake["p50"] <= wake["p99"] <= wake["p99_9"] <= wake["max"], f"{wake}")
+        expect(sum(n for _, n in wake["bins"]) == rate["ticks"] == wake["count"], "the histogram lost some")
+        expect(abs(rate["ticks"] + rate["missed"] - 0.5 * rate["rate_hz"]) <= 2, f"{rate['ticks']}, {rate['missed']}")
+    for line in summary["advice"]:
+        expect(line in output, f"not said: {line}")
+    scene = context.file("scene.yaml", SCENE)
+    context.succeeds(["latency", scene, "--duration", "0.5", "--out", context.folder / "both"])
+    both = context.summary(context.folder / "both")["rates"]
+    expect(all(r["response_us"]["count"] > 10 and r["tick_us"]["p50"] > 0 for r in both), f"{both}")
+    context.rejects(["latency", scene, "--rates", "777"], ["--rates", "whole number"])
+    context.rejects(["latency", "--rates", "0"], ["--rates"])
 
 
 def validate_case(name):

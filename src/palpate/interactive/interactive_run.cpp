@@ -149,6 +149,10 @@ struct InteractiveRun::Impl {
       scene->loops().stop();  // throws what ended them
     }
     scene->pump(audience, generation, again);
+    if (const char* why = scene->scene().device->failure(); why != nullptr && why != told_failure) {
+      told_failure = why;
+      notice(true, std::string("the device is lost: ") + why);
+    }
     watchMotion();
     if (!files || recordingFailure().empty()) return;
     const bool running = scene->loops().started();
@@ -478,6 +482,7 @@ struct InteractiveRun::Impl {
   InteractiveStatus status;
   HandCommand command;
   std::unique_ptr<RunningScene> scene;
+  const char* told_failure = nullptr;  // of the device
   std::unique_ptr<RunFiles> files;
   std::unique_ptr<Recorder> recorder;
   std::uint32_t generation = 0;

@@ -99,7 +99,11 @@ void RunningScene::sendFrame(Audience& audience, std::uint32_t generation, bool 
 MouseDevice& RunningScene::replaceDevice() {
   auto mouse = buildMouse(config_, scene_.start);
   MouseDevice& out = *mouse;
-  scene_.device = std::move(mouse);
+  if (scene_.device->isReal()) {
+    idle_mouse_ = std::move(mouse);
+  } else {
+    scene_.device = std::move(mouse);
+  }
   return out;
 }
 

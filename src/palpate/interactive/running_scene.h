@@ -13,8 +13,8 @@
 
 namespace palpate {
 
-/// One scene, built, with its loops and a mouse in place of its device: all that a reset or another scene replaces.
-/// Calls come from the pump.
+/// One scene, built, with its loops and a mouse in place of its device, unless that is on a desk: all that a reset or
+/// another scene replaces. Calls come from the pump.
 class RunningScene {
  public:
   /// @throws what building the scene throws, RunError if its first visual step fails
@@ -52,6 +52,7 @@ class RunningScene {
 
   SceneConfig config_;
   BuiltScene scene_;
+  std::unique_ptr<MouseDevice> idle_mouse_;  // beside a device on a desk: what viewers say of the hand goes there
   MouseDevice& mouse_;
   StateReader reader_;
   SampleEncoder encoder_;

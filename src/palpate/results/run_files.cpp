@@ -182,6 +182,11 @@ struct RunFiles::Impl {
   void tally(const TickRecord& r) {
     const double force = r.sent.head<3>().norm();
     peak_force = std::max(peak_force, force);
+    if (config.device.limits.peak_torque <= 0.0) {
+      const double torque = r.raw.tail<3>().norm();
+      lost_torque_peak = std::max(lost_torque_peak, torque);
+      lost_torque_squares += torque * torque;
+    }
     force_squares += force * force;
     ++ticks;
     // the report's plots: every fifth tick, or fewer for long runs, is more than a screen shows
@@ -287,6 +292,10 @@ struct RunFiles::Impl {
 
   double maxOf(const std::vector<double>& v) const { return v.empty() ? 0.0 : *std::max_element(v.begin(), v.end()); }
 
+  static nlohmann::ordered_json spread(const std::vector<double>& us) {
+    return {{"p50", us[0]}, {"p99", us[1]}, {"p99_9", us[3]}, {"max", us[2]}};
+  }
+
   static nlohmann::ordered_json flagCounts(const TickCounters& counters) {
     nlohmann::ordered_json flags;
     for (std::size_t k = 0; k < kTickFlagCount; ++k) {
@@ -312,6 +321,58 @@ struct RunFiles::Impl {
   // Longest time from one tick to the next [s].
   double longestGap(const RunOutcome& outcome) const {
     return static_cast<double>(outcome.most_missed + 1) * config.haptic_step;
+  }
+
+  double rmsOf(double squares) const {
+    return std::sqrt(squares / static_cast<double>(std::max<std::int64_t>(1, ticks)));
+  }
+
+  nlohmann::ordered_json hardware(const Device& device) const {
+    const DeviceReport r = device.report();
+    const DeviceLimits& l = config.device.limits;
+    nlohmann::ordered_json j;
+    j["name"] = r.name;
+    for (const auto& [key, value] : r.facts) j["says"][key] = value;
+    j["limits_in_scene"] = {{"peak_force_N", l.peak_force},
+                            {"continuous_force_N", l.continuous_force},
+                            {"peak_torque_Nm", l.peak_torque},
+                            {"stiffness_N_m", l.stiffness},
+                            {"damping_Ns_m", l.damping},
+                            {"rotational_stiffness_Nm_rad", l.rotational_stiffness},
+                            {"workspace_radius_m", l.workspace_radius}};
+    const LinkParameters& k = config.link;
+    j["link"] = {{"stiffness_N_m", k.stiffness},
+                 {"damping_Ns_m", k.damping},
+                 {"rotational_stiffness_Nm_rad", k.rotational_stiffness},
+                 {"rotational_damping_Nms_rad", k.rotational_damping}};
+    j["heat"] = {{"largest", r.heat}, {"limited_s", r.hot_s}};
+    j["losses"] = r.losses;
+    j["lost_s"] = r.lost_s;
+    j["jumps"] = r.jumps;
+    j["clutches"] = r.clutches;
+    j["indexed_m"] = r.indexed_m;
+    j["notes"] = r.notes;
+    return j;
+  }
+
+  void addDeviceRows(const Device& device, const RunOutcome& outcome) {
+    if (config.device.limits.peak_torque <= 0.0 && lost_torque_peak > 0.0) {
+      add("torque that the device cannot give: peak, RMS",
+          plain({1e3 * lost_torque_peak, 1e3 * rmsOf(lost_torque_squares)}), "mN m");
+    }
+    if (!device.isReal()) return;
+    const DeviceReport r = device.report();
+    add("device", r.name, "");
+    add("heat of its motors, most; force held down by it", fmt::format("{:.0f} %, {:.3g}", 100 * r.heat, r.hot_s), "s");
+    if (const double share = shareOf(outcome, TickFlag::device_limited); share > 0) {
+      add("force held below its peak: return, clutch, heat", fmt::format("{:.1f}", 100 * std::min(1.0, share)),
+          "% of ticks");
+    }
+    if (r.losses > 0) add("device lost", fmt::format("{} times, {:.3g}", r.losses, r.lost_s), "s", true);
+    if (r.jumps > 0) add("jumps of its position", fmt::format("{}", r.jumps), "", true);
+    if (r.clutches > 0) add("clutch pressed", fmt::format("{}", r.clutches), "times");
+    if (r.indexed_m > 0) add("moved on at the border of the workspace", fmt::format("{:.3g}", r.indexed_m), "m");
+    for (const std::string& note : r.notes) add("device says", note, "", true);
   }
 
   nlohmann::ordered_json summary(const BuiltScene& scene, const RunOutcome& outcome) const {
@@ -346,14 +407,24 @@ struct RunFiles::Impl {
                    {"cut", cut},
                    {"least_motion_share", least_share},
                    {"energy_made_J", energy_made}};
+    if (const auto& chosen = outcome.auto_step) {
+      j["visual"]["auto"] = {{"warm_up_p99_ms", 1e3 * chosen->cost_s}, {"share", kAutoShare}, {"holds", chosen->holds}};
+    }
     j["haptic"] = {{"rate_hz", 1.0 / config.haptic_step},
                    {"ticks", outcome.ticks},
-                   {"tick_us", {{"p50", outcome.tick_us[0]}, {"p99", outcome.tick_us[1]}, {"max", outcome.tick_us[2]}}},
+                   {"tick_us", spread(outcome.tick_us)},
                    {"missed", outcome.missed},
                    {"clamped_share", shareOf(outcome, TickFlag::force_clamped)},
                    {"stale_share", shareOf(outcome, TickFlag::model_stale)}};
     if (outcome.realtime) {
-      j["haptic"]["wake_us"] = {{"p50", outcome.wake_us[0]}, {"p99", outcome.wake_us[1]}, {"max", outcome.wake_us[2]}};
+      j["haptic"]["wake_us"] = spread(outcome.wake_us);
+      j["visual"]["response_us"] = spread(outcome.response_us);
+      const ModelTraffic& models = outcome.models;
+      j["haptic"]["models"] = {{"made", models.made},
+                               {"used", models.account.used},
+                               {"refused", models.account.refused},
+                               {"late", models.overwritten + models.account.overtaken},
+                               {"under_way", models.underWay()}};
       j["haptic"]["missed_share"] = missedShare(outcome);
       j["haptic"]["longest_gap_s"] = longestGap(outcome);
       j["haptic"]["gaps"] = outcome.counters[TickFlag::gap];
@@ -370,6 +441,10 @@ struct RunFiles::Impl {
     j["force"] = {{"peak_N", peak_force},
                   {"rms_N", ticks > 0 ? std::sqrt(force_squares / static_cast<double>(ticks)) : 0.0},
                   {"delivered_J", outcome.delivered_energy}};
+    if (config.device.limits.peak_torque <= 0.0) {
+      j["lost_torque"] = {{"peak_Nm", lost_torque_peak}, {"rms_Nm", rmsOf(lost_torque_squares)}};
+    }
+    if (scene.device->isReal()) j["hardware"] = hardware(*scene.device);
     for (const Attached& a : attached) {
       j["attachments"].push_back(
           {{"body", a.body}, {"name", a.name}, {"peak_N", a.peak}, {"last_N", {a.last.x(), a.last.y(), a.last.z()}}});
@@ -403,10 +478,15 @@ struct RunFiles::Impl {
     add("tetrahedra, surface triangles", fmt::format("{}, {}", scene.tetrahedra, scene.surface_triangles), "");
     add("visual step: median, 95 %, longest",
         plain({percentile(step_ms, 0.5), percentile(step_ms, 0.95), maxOf(step_ms)}), "ms");
+    if (const auto& chosen = outcome.auto_step) {
+      add("  chosen step; 99 % in the warm-up", plain({1e3 * chosen->step, 1e3 * chosen->cost_s}), "ms",
+          !chosen->holds);
+    }
     add("  of it linearization, median", plain({percentile(linearization_ms, 0.5)}), "ms");
     add("haptic tick: median, 99 %, longest", plain({outcome.tick_us[0], outcome.tick_us[1], outcome.tick_us[2]}),
         "us");
     addTimeRows(outcome);
+    addSafetyRows(outcome);
     add("contacts carrying force, most", fmt::format("{:.0f}", maxOf(active)), "");
     add("deepest penetration", plain({maxOf(penetration_mm)}), "mm");
     add("force on the hand: peak, RMS",
@@ -415,7 +495,26 @@ struct RunFiles::Impl {
       add(fmt::format("force held at the device's {:g} N", config.device.limits.peak_force),
           fmt::format("{:.1f}", 100 * share), "% of ticks");
     }
+    addDeviceRows(*scene.device, outcome);
     for (const Attached& a : attached) add(fmt::format("{} held by {}: peak", a.body, a.name), plain({a.peak}), "N");
+  }
+
+  // What the safety stage has done.
+  void addSafetyRows(const RunOutcome& outcome) {
+    const auto seconds = [&](TickFlag flag) {
+      return fmt::format("{:.2f}", config.haptic_step * static_cast<double>(outcome.counters[flag]));
+    };
+    if (const std::uint64_t swings = outcome.counters[TickFlag::oscillation]; swings > 0) {
+      add("force swung by itself and was made smaller",
+          fmt::format("{} times, for {}", swings, seconds(TickFlag::calmed)), "s", true);
+    }
+    const auto addTime = [&](TickFlag flag, const std::string& what, bool is_bad) {
+      if (outcome.counters[flag] > 0) add(what, seconds(flag), "s", is_bad);
+    };
+    addTime(TickFlag::device_lost, "device lost, frozen or absurd, force away", true);
+    addTime(TickFlag::button_released, "dead-man button not pressed, force away", false);
+    addTime(TickFlag::outside_workspace, "out of the workspace, force away", false);
+    addTime(TickFlag::gate_closed, "start gate closed, force away", false);
   }
 
   // How well the run kept its time.
@@ -582,6 +681,7 @@ struct RunFiles::Impl {
   std::int64_t ticks = 0;
   std::int64_t plot_stride = 1;
   double peak_force = 0, force_squares = 0, max_residual = 0;
+  double lost_torque_peak = 0, lost_torque_squares = 0;
   int restored = 0, not_converged = 0, overruns = 0, redone = 0, cut = 0;
   double least_share = 1, energy_made = 0;
   std::vector<double> plot_time;

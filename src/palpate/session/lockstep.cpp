@@ -96,7 +96,7 @@ RunOutcome LockstepRun::outcome() const {
   out.ticks = static_cast<std::uint64_t>(tick_);
   out.end_time = static_cast<double>(tick_) * timing_.haptic_step;
   out.stopped = stopped_;
-  out.tick_us = {work_.percentile(0.5), work_.percentile(0.99), work_.max()};
+  out.tick_us = {work_.percentile(0.5), work_.percentile(0.99), work_.max(), work_.percentile(0.999)};
   return out;
 }
 

@@ -10,7 +10,7 @@ namespace {
 SubstepBudget budgetOf(const RunTiming& timing) { return {timing.visual_step, timing.substeps, timing.substeps_auto}; }
 
 constexpr int kHapticPriority = 80;
-constexpr std::size_t kTickRows = 4096;  // four seconds for the owner to fall behind
+constexpr std::size_t kTickRows = 16384;  // at 4 kHz four seconds for the owner to fall behind
 constexpr std::size_t kVisualRows = 512;
 constexpr std::int64_t kReportEvery = 512;  // ticks
 
@@ -32,7 +32,11 @@ RealtimeLoops::RealtimeLoops(BuiltScene& scene, const RunTiming& timing, Stepped
   models_.write(last_);
   startHaptics(scene, loop_);
   points_.push(loop_.path()[loop_.path().end() - 1]);
-  if (live()) beginLive();
+  if (live()) {
+    beginLive();
+  } else {
+    ++traffic_.made;
+  }
 }
 
 // A live model of the world as it stands, for the end of the path.
@@ -52,7 +56,8 @@ void RealtimeLoops::sendLive() {
   readPath();
   LiveUpdate update{live_.model(), {}};
   replay_.replayAll(path_.end() - 1, update.model, timing_.haptic_step, scene_.world.gravity, path_, update.state);
-  lives_.write(update);
+  if (lives_.write(update)) ++traffic_.overwritten;
+  ++traffic_.made;
 }
 
 RealtimeLoops::~RealtimeLoops() {
@@ -69,6 +74,7 @@ TickRecord RealtimeLoops::tickAt(std::int64_t k, const DeviceState& device, cons
   }
   const TickRecord record = loop_.tick(device, model, t);
   scene_.device->apply(record.sent, t, timing_.haptic_step);
+  last_sent_ = record.sent;
   points_.push(loop_.path()[loop_.path().end() - 1]);
   if (recorded) ticks_.push(record);
   return record;
@@ -85,41 +91,60 @@ void RealtimeLoops::stepAt(double now, double lateness, const DeviceState& devic
   budget_.took(record.step.times.total() + record.linearization_s);
   last_ = record.model;
   record.lateness_s = lateness;
-  models_.write(record.model);
-  if (live()) sendLive();
+  const bool unread = models_.write(record.model);
+  if (live()) {
+    sendLive();
+  } else {
+    ++traffic_.made;
+    if (unread) ++traffic_.overwritten;
+  }
   if (stepped_) stepped_(scene_.world, record);
   visuals_.push(record);
 }
 
 void RealtimeLoops::runHaptic(double speed, std::int64_t last) {
+  const AwakeCores awake;
   grant_ = requestRealtime(kHapticPriority);
   asked_.store(true, std::memory_order_release);
   PeriodicClock clock(timing_.haptic_step / speed);
   clock.start(start_);
   const std::int64_t first = tick_;
-  while (stop_.load(std::memory_order_relaxed) != Stop::now) {
-    const std::int64_t k = nextTick(clock, first, last);
+  bool driven = scene_.device->keepsTime();  // by the device
+  const auto once = [&] {
+    if (stop_.load(std::memory_order_relaxed) == Stop::now) return false;
+    const std::int64_t k = nextTick(clock, first, last, driven);
+    if (k < first) {  // the device calls a little too often
+      const double t = static_cast<double>(tick_) * timing_.haptic_step;
+      scene_.device->sample(t);
+      scene_.device->apply(last_sent_, t, timing_.haptic_step);
+      return true;
+    }
     if (k >= last || stop_.load(std::memory_order_relaxed) == Stop::leave) {
       leaving_.store(true, std::memory_order_relaxed);
       loop_.leave();
     }
-    if (loop_.gone()) break;
+    if (loop_.gone()) return false;
     const auto begin = std::chrono::steady_clock::now();
     const DeviceState device = scene_.device->sample(static_cast<double>(k) * timing_.haptic_step);
-    samples_.write(device);
+    samples_.write({device, begin});
     tickAt(k, device, models_.read(), k < last);
-    if (k >= last) continue;  // the run is over, the force not gone yet
+    if (k >= last) return true;  // the run is over, the force not gone yet
     tick_ = k + 1;
     haptic_report_.work.add(std::chrono::nanoseconds(std::chrono::steady_clock::now() - begin).count());
     if (++haptic_report_.ticks % kReportEvery == 0) reports_.write(haptic_report_);
+    return true;
+  };
+  if (driven) scene_.device->run(once);
+  driven = false;  // one that calls no more is lost: the run goes on without it
+  while (once()) {
   }
   haptic_done_.store(true, std::memory_order_release);
 }
 
 // Sleeps until the next tick. Those beyond the end are no part of the run: none of them is missed.
-std::int64_t RealtimeLoops::nextTick(PeriodicClock& clock, std::int64_t first, std::int64_t last) {
+std::int64_t RealtimeLoops::nextTick(PeriodicClock& clock, std::int64_t first, std::int64_t last, bool driven) {
   const std::uint64_t missed = haptic_report_.missed;
-  const std::int64_t k = first + clock.wait(haptic_report_);
+  const std::int64_t k = first + (driven ? clock.follow(haptic_report_) : clock.wait(haptic_report_));
   if (k >= last) {
     const auto skipped = static_cast<std::int64_t>(haptic_report_.missed - missed);
     haptic_report_.missed = missed + static_cast<std::uint64_t>(std::max<std::int64_t>(0, last - (k - skipped)));
@@ -144,12 +169,13 @@ void RealtimeLoops::runVisual(double speed, double origin, Executor* executor) {
   while (goesOn()) {
     const std::int64_t k = clock.wait(visual_report_);
     if (!goesOn()) break;
-    const DeviceState* device = samples_.read();
-    if (device == nullptr) continue;
+    const TimedSample* sample = samples_.read();
+    if (sample == nullptr) continue;
     const ExecutorScope scope(leavesRoom(executor) ? executor : nullptr);
     const double elapsed = std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count();
     const double lateness = elapsed - static_cast<double>(k) * timing_.visual_step / speed;
-    stepAt(origin + elapsed * speed, lateness, *device);
+    stepAt(origin + elapsed * speed, lateness, sample->device);
+    response_.add(std::chrono::nanoseconds(std::chrono::steady_clock::now() - sample->taken).count());
   }
   visual_done_.store(true, std::memory_order_release);
 }
@@ -185,7 +211,7 @@ void RealtimeLoops::ask(Stop stop) noexcept {
 }
 
 void RealtimeLoops::stop(Ending ending) {
-  ask(ending == Ending::leaves ? Stop::leave : Stop::now);
+  ask(ending == Ending::leaves || scene_.device->isReal() ? Stop::leave : Stop::now);
   if (haptic_.joinable()) haptic_.join();
   if (visual_.joinable()) visual_.join();
   if (failure_) std::rethrow_exception(std::exchange(failure_, nullptr));
@@ -196,7 +222,7 @@ bool RealtimeLoops::ended() const {
 }
 
 void RealtimeLoops::stepOnce() {
-  if (started() && !ended()) return;
+  if ((started() && !ended()) || scene_.device->isReal()) return;  // no hand can be stopped between two steps
   loop_.comeBack();
   const auto ticks = static_cast<std::int64_t>(std::llround(timing_.visual_step / timing_.haptic_step));
   for (std::int64_t i = 0; i < ticks; ++i, ++tick_) {
@@ -222,7 +248,7 @@ const PeriodicReport& RealtimeLoops::report() noexcept {
 
 RunOutcome RealtimeLoops::outcome() const {
   const auto spread = [](const DurationHistogram& h) {
-    return std::vector<double>{h.percentile(0.5), h.percentile(0.99), h.max()};
+    return std::vector<double>{h.percentile(0.5), h.percentile(0.99), h.max(), h.percentile(0.999)};
   };
   RunOutcome out;
   out.realtime = true;
@@ -236,6 +262,9 @@ RunOutcome RealtimeLoops::outcome() const {
   out.dropped_rows = dropped();
   out.tick_us = spread(haptic_report_.work);
   out.wake_us = spread(haptic_report_.wake_latency);
+  out.models = traffic_;
+  out.models.account = loop_.models();
+  out.response_us = spread(response_);
   out.realtime_note = grant_.reason;
   return out;
 }

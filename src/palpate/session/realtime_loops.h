@@ -21,7 +21,7 @@
 // What runs and what crosses. A LatestValue never makes either side wait: the writer overwrites, the reader takes the
 // newest. A RecordQueue keeps order; when it is full the row is dropped and counted.
 //
-//   +--------------------------------+   DeviceState: LatestValue samples_   +---------------------------------+
+//   +--------------------------------+   TimedSample: LatestValue samples_   +---------------------------------+
 //   | haptic thread, 1 kHz,          | ------------------------------------> | visual thread, about 30 Hz      |
 //   | real-time priority if granted  |                                       | + the owner's Executor's workers|
 //   | owns: HapticLoop, Device       | <------------------------------------ | owns: World, DeviceFilter,      |
@@ -97,6 +97,10 @@ class RealtimeLoops {
   std::uint64_t dropped() const noexcept { return ticks_.dropped() + visuals_.dropped(); }
   /// Timing of the haptic loop so far, renewed twice a second while it runs.
   const PeriodicReport& report() noexcept;
+  /// From a device sample to the end of the visual step that it went into, while stopped.
+  const DurationHistogram& response() const noexcept { return response_; }
+  /// Core that the haptic loop stays on; -1: any.
+  int core() const noexcept { return asked_.load(std::memory_order_acquire) ? grant_.core : -1; }
   /// What the system refused to the haptic loop, for people; empty when it refused nothing or has not been asked yet.
   const std::string& realtimeNote() const noexcept {
     return asked_.load(std::memory_order_acquire) ? grant_.reason : none_;
@@ -108,10 +112,14 @@ class RealtimeLoops {
   enum class Stop : int { none, leave, now };
   void ask(Stop stop) noexcept;
   void runHaptic(double speed, std::int64_t last);
-  std::int64_t nextTick(PeriodicClock& clock, std::int64_t first, std::int64_t last);
+  std::int64_t nextTick(PeriodicClock& clock, std::int64_t first, std::int64_t last, bool driven);
   void runVisual(double speed, double origin, Executor* executor);
   bool leavesRoom(const Executor* executor) const;
   TickRecord tickAt(std::int64_t k, const DeviceState& device, const HandleModel* model, bool recorded = true);
+  struct TimedSample {
+    DeviceState device;
+    std::chrono::steady_clock::time_point taken;
+  };
   void stepAt(double now, double lateness, const DeviceState& device);
   bool live() const { return loop_.settings().rendering == Rendering::live; }
   void beginLive();
@@ -129,16 +137,19 @@ class RealtimeLoops {
   HandlePath path_;  // as far as the visual loop knows it
   LiveTick replay_;
   PeriodicReport haptic_report_, visual_report_, copy_;
+  DurationHistogram response_;
+  ModelTraffic traffic_;
   RealtimeGrant grant_;  // the haptic loop's, until asked_
   const std::string none_;
   LatestValue<HandleModel> models_;   // visual to haptic
   LatestValue<LiveUpdate> lives_;     // the same, with method `live`
-  LatestValue<DeviceState> samples_;  // haptic to visual
+  LatestValue<TimedSample> samples_;  // haptic to visual
   RecordQueue<PathPoint> points_;     // the same, with method `live`
   LatestValue<PeriodicReport> reports_;
   RecordQueue<TickRecord> ticks_;
   RecordQueue<VisualRecord> visuals_;
   std::int64_t tick_ = 0;  // next one
+  Vec6 last_sent_ = Vec6::Zero();
   std::atomic<Stop> stop_{Stop::none};
   std::atomic<bool> leaving_{false};
   std::atomic<bool> asked_{false};

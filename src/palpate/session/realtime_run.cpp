@@ -13,6 +13,7 @@ RunOutcome runRealtime(BuiltScene& scene, const RunTiming& timing, const RunSink
   TickRecord tick;
   VisualRecord step;
   bool stopped = false;
+  std::string failure;
   for (bool last = false;;) {
     while (loops.pop(step)) sink.visual(step);
     while (loops.pop(tick)) {
@@ -20,6 +21,10 @@ RunOutcome runRealtime(BuiltScene& scene, const RunTiming& timing, const RunSink
       sink.progress(tick.time / timing.duration);
     }
     if (last) break;
+    if (failure.empty() && scene.device->failure() != nullptr) {
+      failure = scene.device->failure();
+      loops.askToEnd();
+    }
     if (!stopped && sink.stopped()) {
       stopped = true;
       loops.askToEnd();
@@ -27,7 +32,6 @@ RunOutcome runRealtime(BuiltScene& scene, const RunTiming& timing, const RunSink
     last = loops.ended();
     if (!last) std::this_thread::sleep_for(std::chrono::milliseconds(20));
   }
-  std::string failure;
   try {
     loops.stop();
   } catch (const std::exception& e) {  // of a visual step: what there is can be written all the same

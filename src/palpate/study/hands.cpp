@@ -57,6 +57,7 @@ HandRun runOf(const SceneConfig& config, double from, const SideBySide::Progress
 
 SceneConfig inHand(SceneConfig config, const HandStiffness& hand) {
   config.device.kind = DeviceName::simulated;
+  config.safety.settings.oscillation.enabled = false;  // what swings is to be seen
   config.device.hand_stiffness = hand.stiffness;
   config.device.hand_damping = hand.damping;
   if (hand.stiffness == 0 && hand.damping == 0) {
