@@ -208,6 +208,40 @@ TEST(ViewerMessages, SamplesHoldEveryRow) {
   EXPECT_TRUE(in.atEnd());
 }
 
+TEST(ViewerMessages, SceneTellsWhereBodiesAreAttached) {
+  SceneConfig config = softCube();
+  const auto told = [&] {
+    return nlohmann::json::parse(sceneMessage(config, buildScene(config), {{"a", "b", "c.yaml"}}, 4))["bodies"];
+  };
+  for (const auto& body : told()) EXPECT_TRUE(body["attachments"].empty());
+  FreeBodyConfig slab;
+  slab.name = "slab";
+  slab.shape = BarShapeConfig{Vec3(0.1, 0.1, 0.02), {2, 2, 1}};
+  slab.pose.position = {0, 0, 2.0};
+  FreeBodyConfig lid = slab;
+  lid.name = "lid";
+  lid.pose.position.z() += 0.02;
+  const auto low = [](const char* name, const char* to) {
+    AttachmentConfig out;
+    out.name = name;
+    out.region = HalfspaceRegionConfig{Vec3(0, 0, 1e-4), -Vec3::UnitZ()};
+    out.to = to;
+    return out;
+  };
+  slab.attachments = {low("floor", "")};
+  lid.attachments = {low("seam", "slab")};
+  config.bodies.push_back(slab);
+  config.bodies.push_back(lid);
+  const auto bodies = told();
+  ASSERT_EQ(bodies.size(), 4U);
+  EXPECT_EQ(bodies[2]["attachments"][0]["kind"], "fixed");
+  EXPECT_EQ(bodies[2]["attachments"][0]["nodes"].size(), 9U);
+  EXPECT_EQ(bodies[2]["attachments"][0]["to"], "");
+  EXPECT_EQ(bodies[3]["attachments"][0]["name"], "seam");
+  EXPECT_EQ(bodies[3]["attachments"][0]["kind"], "glued");
+  EXPECT_EQ(bodies[3]["attachments"][0]["to"], "slab");
+}
+
 TEST(ViewerMessages, TextsAreOneLineOfJson) {
   const auto notice = nlohmann::json::parse(noticeMessage(true, "two\nlines \xff"));
   EXPECT_EQ(notice["level"], "error");

@@ -22,10 +22,16 @@ import {
   type Texture,
 } from 'three';
 import { NODE_FLOATS, NodeField, embedAll, shadingSurface } from './embedding.ts';
-import type { BodyGeometry } from './protocol.ts';
+import { TIED_KINDS, tiedNodes } from './attached.ts';
+import type { AttachmentInfo, BodyGeometry } from './protocol.ts';
 
 /** A share of the weights at attached nodes this high is all handle: as in the pictures of `palpate run`. */
 const HELD_SHARE = 0.45;
+
+function blended(share: number): number {
+  const t = Math.min(1, Math.max(0, share / HELD_SHARE));
+  return t * t * (3 - 2 * t);
+}
 
 const SHADER_HEAD = /* glsl */ `
 uniform highp sampler2D uNodes;
@@ -33,7 +39,9 @@ uniform int uWidth;
 attribute vec4 aNodes;
 attribute vec4 aWeights;
 attribute float aHeld;
+attribute vec3 aTied;
 varying float vHeld;
+varying vec3 vTied;
 varying float vValue;
 vec4 nodeTexel(int node, int k) {
   int i = 4 * node + k;
@@ -88,6 +96,7 @@ export class BodyView {
     readonly body: BodyGeometry,
     color: Color,
     shared: Shared,
+    attachments: readonly AttachmentInfo[],
     /** with shine, sheen and coat, which cost time in each pixel */
     rich: boolean,
   ) {
@@ -110,6 +119,9 @@ export class BodyView {
     const nodes = new Float32Array(4 * drawn);
     const weights = new Float32Array(4 * drawn);
     const held = new Float32Array(drawn);
+    const tiedNode = tiedNodes(attachments, count);
+    const kinds = TIED_KINDS.length;
+    const tied = new Float32Array(kinds * drawn);
     for (let i = 0; i < drawn; ++i) {
       const v = 4 * (shading.source[i] as number);
       let share = 0;
@@ -119,9 +131,12 @@ export class BodyView {
         nodes[4 * i + k] = node;
         weights[4 * i + k] = weight;
         share += weight * (body.held[node] as number);
+        for (let c = 0; c < kinds; ++c) {
+          tied[kinds * i + c] = (tied[kinds * i + c] as number) + weight * (tiedNode[kinds * node + c] as number);
+        }
       }
-      const t = Math.min(1, Math.max(0, share / HELD_SHARE));
-      held[i] = t * t * (3 - 2 * t);
+      held[i] = blended(share);
+      for (let c = 0; c < kinds; ++c) tied[kinds * i + c] = blended(tied[kinds * i + c] as number);
     }
     const geometry = new BufferGeometry();
     geometry.setAttribute('position', new BufferAttribute(shading.positions, 3));
@@ -129,6 +144,7 @@ export class BodyView {
     geometry.setAttribute('aNodes', new BufferAttribute(nodes, 4));
     geometry.setAttribute('aWeights', new BufferAttribute(weights, 4));
     geometry.setAttribute('aHeld', new BufferAttribute(held, 1));
+    geometry.setAttribute('aTied', new BufferAttribute(tied, kinds));
     geometry.setIndex(new BufferAttribute(shading.triangles, 1));
 
     const uniforms = {
@@ -253,7 +269,7 @@ function embedIn(material: Material, uniforms: Record<string, IUniform>, shaded:
     }
     vertex = vertex.replace(
       '#include <begin_vertex>',
-      'vec4 embedded = embedPosition();\nvec3 transformed = embedded.xyz;\nvHeld = aHeld;\nvValue = embedded.w;',
+      'vec4 embedded = embedPosition();\nvec3 transformed = embedded.xyz;\nvHeld = aHeld;\nvTied = aTied;\nvValue = embedded.w;',
     );
     shader.vertexShader = vertex;
     if (!shaded) return;
@@ -262,6 +278,7 @@ function embedIn(material: Material, uniforms: Record<string, IUniform>, shaded:
         '#include <common>',
         /* glsl */ `#include <common>
 varying float vHeld;
+varying vec3 vTied;
 varying float vValue;
 uniform sampler2D uRamp;
 uniform vec3 uHeldColor;
@@ -271,6 +288,9 @@ uniform float uValueMax;`,
       .replace(
         '#include <color_fragment>',
         /* glsl */ `#include <color_fragment>
+diffuseColor.rgb = mix(diffuseColor.rgb, vec3(0.10, 0.11, 0.13), 0.55 * vTied.x); // fixed
+diffuseColor.rgb = mix(diffuseColor.rgb, vec3(0.10, 0.25, 0.55), 0.45 * vTied.y); // springs
+diffuseColor.rgb = mix(diffuseColor.rgb, vec3(0.85, 0.75, 0.45), 0.55 * vTied.z); // glued
 diffuseColor.rgb = mix(diffuseColor.rgb, uHeldColor, vHeld);
 if (uColoring > 0.5) {
   float t = clamp(vValue / max(uValueMax, 1e-12), 0.0, 1.0);

@@ -30,9 +30,19 @@ export interface Welcome {
   version: string;
 }
 
+export interface AttachmentInfo {
+  name: string;
+  kind: 'fixed' | 'springs' | 'glued';
+  /** of the body */
+  nodes: number[];
+  /** the body that they are glued to; empty: the world */
+  to: string;
+}
+
 export interface BodyInfo {
   name: string;
   kind: 'tool' | 'soft' | 'rigid';
+  attachments: AttachmentInfo[];
   /** Pa */
   youngsModulus: number;
   tetrahedra: number;
@@ -166,6 +176,15 @@ function histogram(value: unknown): Histogram {
   return { p50: number(h['p50']), p99: number(h['p99']), max: number(h['max']), bins };
 }
 
+function decodeAttachment(a: Json): AttachmentInfo {
+  return {
+    name: text(a['name']),
+    kind: a['kind'] === 'springs' || a['kind'] === 'glued' ? a['kind'] : 'fixed',
+    nodes: list(a['nodes']).filter((n): n is number => typeof n === 'number' && Number.isInteger(n) && n >= 0),
+    to: text(a['to']),
+  };
+}
+
 const invalid = (reason: string): Invalid => ({ type: 'invalid', reason });
 
 function decodeScene(m: Json): SceneInfo {
@@ -187,6 +206,7 @@ function decodeScene(m: Json): SceneInfo {
       .map((b) => ({
         name: text(b['name']),
         kind: b['kind'] === 'tool' || b['kind'] === 'rigid' ? b['kind'] : 'soft',
+        attachments: list(b['attachments']).filter(isObject).map(decodeAttachment),
         youngsModulus: number(b['youngs_modulus']),
         tetrahedra: number(b['tetrahedra']),
         triangles: number(b['triangles']),

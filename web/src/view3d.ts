@@ -27,6 +27,7 @@ import {
   Vector3,
   WebGLRenderer,
 } from 'three';
+import { toolIsTied } from './attached.ts';
 import { BodyView, type Shared } from './body.ts';
 import { OrbitCamera } from './camera.ts';
 import { castRay, shadingSurface } from './embedding.ts';
@@ -130,6 +131,7 @@ export class View3D {
   private handleTo: Pose = this.device;
   private handle: Pose = this.device;
   private atProxy = false;
+  private tied = false;
   private placing: Pose | null = null;
   private readonly box = new LineSegments(
     new EdgesGeometry(new BoxGeometry(1, 1, 1)),
@@ -230,10 +232,11 @@ export class View3D {
   setScene(info: SceneInfo, geometry: Geometry, keepCamera: boolean): void {
     this.clear();
     this.info = info;
+    this.tied = toolIsTied(info.bodies);
     let softs = 0;
-    geometry.bodies.forEach((body) => {
+    geometry.bodies.forEach((body, index) => {
       const color = body.tool ? TOOL_COLOR : body.rigid ? RIGID_COLOR : SOFT_COLORS[softs++ % SOFT_COLORS.length];
-      const view = new BodyView(body, new Color(color), this.shared, !this.software);
+      const view = new BodyView(body, new Color(color), this.shared, info.bodies[index]?.attachments ?? [], !this.software);
       view.showWire(this.shown.mesh && !body.rigid);
       this.bodies.push(view);
       this.fits.push(Float64Array.of(1, 0, 0, 0));
@@ -428,7 +431,7 @@ export class View3D {
     for (const { body, group } of this.bodies) {
       if (!body.tool) continue;
       if (this.placing) place(group, this.placing);
-      else if (this.atProxy) placeFrom(group, this.handle, this.proxy);
+      else if (this.atProxy && !this.tied) placeFrom(group, this.handle, this.proxy);
       else placeFrom(group, this.proxy, this.proxy);
     }
     this.updateHeldCenter();

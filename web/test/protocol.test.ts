@@ -1,5 +1,6 @@
 import assert from 'node:assert/strict';
 import { test } from 'node:test';
+import { tiedNodes, toolIsTied } from '../src/attached.ts';
 import { decodeBinary, decodeRecording, decodeText, encodeCommand } from '../src/protocol.ts';
 import { Replay } from '../src/replay.ts';
 import { frameBytes, geometryBytes, recordingBytes, samplesBytes, sceneText, tickRow } from './bytes.ts';
@@ -107,6 +108,7 @@ test('text messages keep to what the manual says and stand what it does not', ()
   assert.ok(scene.type === 'scene');
   assert.equal(scene.device.peakForce, 3.3);
   assert.equal(scene.bodies[0]!.youngsModulus, 2e4);
+  assert.deepEqual(scene.bodies[0]!.attachments, []);
   const state = decodeText('{"type":"state","visual_step":0.02,"hand":3,"recording":null,"busy":"meshing","driver":"hand"}');
   assert.ok(state.type === 'state');
   assert.equal(state.visualStep, 0.02);
@@ -150,6 +152,35 @@ test('recording', () => {
     const cut = decodeRecording(whole.slice(0, size));
     assert.ok('messages' in cut);
   }
+});
+
+test('attachments: kinds, and nodes that there are', () => {
+  const json = JSON.parse(sceneText()) as { bodies: Record<string, unknown>[] };
+  json.bodies[0]!['attachments'] = [
+    { name: 'root', kind: 'fixed', nodes: [0, -1, 1.5, 'x', 2] },
+    { name: 'seam', kind: 'glued', nodes: [2, 9], to: 'organ' },
+    { name: 'ligament', kind: 'springs', nodes: [3] },
+    null,
+    { name: 'of tomorrow', kind: 'magnet' },
+  ];
+  const scene = decodeText(JSON.stringify(json));
+  assert.ok(scene.type === 'scene');
+  const { attachments } = scene.bodies[0]!;
+  assert.deepEqual(
+    attachments.map((a) => [a.name, a.kind, a.nodes, a.to]),
+    [
+      ['root', 'fixed', [0, 2], ''],
+      ['seam', 'glued', [2, 9], 'organ'],
+      ['ligament', 'springs', [3], ''],
+      ['of tomorrow', 'fixed', [], ''],
+    ],
+  );
+  const [tool] = scene.bodies;
+  const organ = { ...tool!, name: 'organ', kind: 'soft' as const };
+  assert.ok(toolIsTied(scene.bodies));
+  assert.ok(!toolIsTied([{ ...tool!, attachments: [] }, organ]));
+  assert.ok(toolIsTied([{ ...tool!, attachments: [] }, { ...organ, attachments: [{ ...attachments[1]!, to: 'tool' }] }]));
+  assert.deepEqual([...tiedNodes(attachments, 4)], [1, 0, 0, 0, 0, 0, 1, 0, 1, 0, 1, 0]);
 });
 
 test('replay: the frames around a time, and time that rises over a second scene', () => {

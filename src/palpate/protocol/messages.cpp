@@ -91,6 +91,23 @@ float stateNumber(ContactState state) {
   return static_cast<float>(kind);
 }
 
+Json attachmentsOf(const World& world, int body) {
+  Json out = Json::array();
+  for (const Attachment& a : world.body(body).model.attachments()) {
+    out.push_back({{"name", a.name},
+                   {"kind", a.fixed() ? "fixed"
+                            : a.glued ? "glued"
+                                      : "springs"},
+                   {"nodes", a.nodes},
+                   {"to", ""}});
+  }
+  for (const Joint& joint : world.joints()) {
+    if (joint.body == body)
+      out[static_cast<std::size_t>(joint.attachment)]["to"] = world.body(joint.partner).model.name();
+  }
+  return out;
+}
+
 }  // namespace
 
 std::string sceneMessage(const SceneConfig& config, const BuiltScene& scene, const std::vector<SceneEntry>& scenes,
@@ -107,6 +124,7 @@ std::string sceneMessage(const SceneConfig& config, const BuiltScene& scene, con
     const char* kind = i == scene.world.toolIndex() ? "tool" : body.model.isRigid() ? "rigid" : "soft";
     out["bodies"].push_back({{"name", body.model.name()},
                              {"kind", kind},
+                             {"attachments", attachmentsOf(scene.world, i)},
                              {"youngs_modulus", body.model.elasticity().material().youngs_modulus},
                              {"tetrahedra", body.model.mesh().mesh.tetrahedra.size()},
                              {"triangles", body.model.mesh().surface.triangles.size()}});
