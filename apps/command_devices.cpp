@@ -1,11 +1,14 @@
 #include <fmt/format.h>
+#include <pwd.h>
 #include <sys/utsname.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <cstdlib>
 #include <fstream>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <regex>
 #include <thread>
 
 #include "commands.h"
@@ -82,13 +85,23 @@ void print(const Look& found) {
   for (const std::string& note : found.driver->notes()) fmt::print("{:<16}   note: {}\n", "", note);
 }
 
-// Names of people and machines, and serial numbers.
+std::string hostName() {
+  utsname about{};
+  return uname(&about) == 0 ? about.nodename : "";
+}
+
+// Names of people, machines and folders, and serial numbers: also those that only the reason names.
 std::string withoutPrivate(std::string text, const Look& found) {
+  static const std::regex path(R"((^|[\s"'(=])/[^\s"':;,)]+)"), serial(R"(\b(?=[0-9A-F]*\d)[0-9A-F]{4,}\b)");
+  text = std::regex_replace(text, path, "$1...");
+  if (found.config.kind == DeviceName::inverse3 && !found.driver) text = std::regex_replace(text, serial, "...");
   std::vector<std::string> secret{found.config.options.text("host", ""), found.config.options.text("id", ""),
                                   found.config.options.text("library", ""), found.config.options.text("socket", "")};
   if (found.driver) secret.push_back(found.driver->info().serial);
   if (const char* home = std::getenv("HOME")) secret.emplace_back(home);
   if (const char* user = std::getenv("USER")) secret.emplace_back(user);
+  if (const passwd* user = getpwuid(getuid())) secret.emplace_back(user->pw_name);
+  secret.push_back(hostName());
   std::sort(secret.begin(), secret.end(), [](const auto& a, const auto& b) { return a.size() > b.size(); });
   for (const std::string& word : secret) {
     if (word.size() < 2 || word == "localhost" || word == "root") continue;
@@ -206,7 +219,7 @@ void printOptions() {
 
 nlohmann::ordered_json systemJson() {
   utsname about{};
-  uname(&about);  // without its node name
+  uname(&about);  // without its node name, which a report keeps to itself
   return {{"system", about.sysname}, {"release", about.release}, {"machine", about.machine}};
 }
 

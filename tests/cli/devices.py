@@ -31,6 +31,7 @@ def held(context, fake, device, duration=1.0, code=0, signal_at=None):
     log = fake.end()
     expect(not log["violations"], f"the fake saw {log['violations'][:3]}")
     expect(not any(log["last_force"]), f"the last force was {log['last_force']}")
+    expect(log["uncentered_forces"] == 0, f"{log['uncentered_forces']} forces in a session that had not centered the device")
     return context.summary(), log, errors
 
 
@@ -75,6 +76,53 @@ def devices_inverse3_report(context):
         log = fake.end()
     expect(not log["violations"] and log["profile"] == "org.palpate:run" and log["preset"] == "arm_front_centered", str(log["violations"]))
     expect(log["max_force"] <= 0.1001, "a test gave a force")
+
+
+@case
+def devices_report_hides(context):
+    """What a reason names is hidden as well: other devices' names, folders, the machine."""
+    file = context.folder / "report.json"
+    with Fake(context, "fake_inverse3", "--fault", "second") as fake:
+        code, _, errors = context.run(["devices", "--device", inverse3(fake), "--report", file])
+        expect(code == 1 and "049D, 04EA" in errors, errors)
+    text = file.read_text()
+    expect("049D" not in text and "04EA" not in text and "choose one" in text, text)
+    for device in (f"touch:library={context.folder}/libHD.so", f"spacenavigator:socket={context.folder}/none"):
+        context.run(["devices", "--device", device, "--report", file])
+        text = file.read_text()
+        expect("not_there" in text and str(context.folder) not in text and os.uname().nodename not in text, text)
+
+
+@case
+def devices_start_gate(context):
+    """On a device on a desk the force waits until somebody has hold of it."""
+    scene = PRESS.replace("safety: {{start_gate: false}}\n", "")
+    expect(scene != PRESS, "the scene has no gate to leave out")
+    with Fake(context, "fake_inverse3", "--amplitude", "0.008") as fake:
+        file = context.file("held.yaml", scene.format(duration=3.0).replace("0.005]", "-0.004]"))
+        context.succeeds(["run", file, "--device", inverse3(fake), "--out", context.out])
+        log = fake.end()
+    expect(not log["violations"] and not any(log["last_force"]), str(log["violations"]))
+    header, rows = context.table("haptic.csv")
+    time_s, force = header.index("time_s"), [k for k, name in enumerate(header) if name in ("sent_fx_N", "sent_fy_N", "sent_fz_N")]
+    strongest = {False: 0.0, True: 0.0}
+    for row in rows:
+        late = float(row[time_s]) > 0.55
+        strongest[late] = max(strongest[late], math.hypot(*[float(row[k]) for k in force]))
+    expect(strongest[False] <= 0.1001 and strongest[True] > 0.2, f"forces {strongest} before and behind the gate")
+
+
+@case
+def devices_link_is_cut(context):
+    """A link that is stiffer than the device bears is cut, and that is told."""
+    with Fake(context, "fake_inverse3") as fake:
+        scene = context.file("held.yaml", PRESS.format(duration=0.3) + "link: {stiffness: 5000, damping: 1}\n")
+        process = context.start(["run", scene, "--device", inverse3(fake), "--out", context.out])
+        _, errors = process.communicate(timeout=30)
+        expect(process.returncode == 0, errors)
+    hardware = context.summary()["hardware"]
+    expect(hardware["link"]["stiffness_N_m"] == 500 and hardware["link"]["damping_Ns_m"] == 1, str(hardware["link"]))
+    expect("5000 N/m is cut" in errors and "5000 N/m is cut" in " ".join(hardware["notes"]), errors)
 
 
 def refused(name, words, *faults, device=None):
@@ -170,7 +218,8 @@ fails("taken", "taken", gave_up("taken by another program"), 20, 1, patience=0.3
 fails("silent", "never", gave_up("answers late"), 20, 1, patience=0.3)
 fails("garbage", "garbage", gave_up("no longer answers"), 20, 1, patience=0.3)
 fails("comes-back", "replug", lost(1, "came back as 05FF"), 2.2)
-fails("connection-restarts", "restart", lost(1, "connected again"), 1.6)
+fails("connection-restarts", "restart", lost(1, "connected again"), 2.2)
+fails("events-end", "events-end", lost(0, "the events ended"))
 fails("late", "late", lost(1, "later than 50 ms"))
 fails("slow", "slow", lost(3, "later than 50 ms"))
 fails("twice", "twice", lost(0, "nobody had asked for"))
@@ -270,6 +319,11 @@ def well(summary, log, _):
     expect(log["largest_step"] < 0.3, f"the force jumped by {log['largest_step']} N")
 
 
+def calibrated(summary, log, _):
+    expect("update-calibration" in log["calls"], str(log["calls"]))
+    expect(summary["hardware"]["says"].get("calibration") == "updated at the start", str(summary["hardware"]["says"]))
+
+
 def once_lost(note):
     def judge(summary, *_):
         hardware = summary["hardware"]
@@ -324,6 +378,7 @@ library_refused("touch", "hd", "none", "no-device", "is it unplugged?")
 library_refused("touch", "hd", "in-use", "in-use", "in use by another program")
 library_refused("touch", "hd", "license", "license", "no license")
 library_refused("touch", "hd", "uncalibrated", "uncalibrated", "inkwell")
+library_run("touch", "hd", "outdated", "outdated", calibrated)
 library_refused("touch", "hd", "by-hand", "by-hand", "positions do not change")
 library_refused("touch", "hd", "other-name", "", "not configured", ",name=Other")
 library_refused("touch", "dhd", "wrong-library", "", "is it the right library?")

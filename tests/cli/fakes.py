@@ -19,6 +19,7 @@ tool:
   pose: {{position: [0, 0, 0.005]}}
   handles:
     ball: {{mass: 0.02}}
+safety: {{start_gate: false}}
 obstacles:
   - {{name: ground, plane: {{point: [0, 0, 0]}}}}
 """

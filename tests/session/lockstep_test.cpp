@@ -4,10 +4,13 @@
 
 #include <algorithm>
 #include <cmath>
+#include <memory>
 #include <string>
 #include <vector>
 
+#include "palpate/scene/hardware.h"
 #include "palpate/scene/reader.h"
+#include "palpate/session/auto_step.h"
 #include "shared/held_scenes.h"
 
 namespace palpate {
@@ -88,6 +91,44 @@ TEST(Lockstep, LiveForceHardlyKnowsOfJitter) {
   }
   EXPECT_GT(peak, 1.0);
   EXPECT_LT(std::sqrt(squares / static_cast<double>(even.size())), 0.02 * peak);
+}
+
+/// A device on a desk that only counts.
+class CountedDriver final : public DeviceDriver {
+ public:
+  const DriverInfo& info() const noexcept override { return info_; }
+  bool read(DriverSample&) noexcept override { return ++calls > 0; }
+  void write(const Vec6&) noexcept override { ++calls; }
+  void release() noexcept override { ++calls; }
+  int calls = 0;
+
+ private:
+  DriverInfo info_;
+};
+
+// The warm-up runs faster than time: a person's device must not be moved along.
+TEST(AutoStep, DoesNotReachADeviceOnADesk) {
+  SceneConfig config = readScene(std::string(PALPATE_SOURCE_DIR) + "/scenes/cube.yaml");
+  config.duration = 0.2;
+  const auto driver = std::make_shared<CountedDriver>();
+  config.device.kind = DeviceName::inverse3;
+  config.device.driver = driver;
+  openDevice(config);
+  const AutoStep chosen = chooseVisualStep(config, 0.2);
+  EXPECT_GT(chosen.cost_s, 0.0);
+  EXPECT_EQ(driver->calls, 0);
+}
+
+TEST(OpenDevice, GatesTheStartUnlessTheSceneSaysOtherwise) {
+  SceneConfig config = readScene(std::string(PALPATE_SOURCE_DIR) + "/scenes/cube.yaml");
+  config.device.kind = DeviceName::inverse3;
+  config.device.driver = std::make_shared<CountedDriver>();
+  SceneConfig ungated = config;
+  ungated.safety.start_gate = false;
+  openDevice(config);
+  openDevice(ungated);
+  EXPECT_TRUE(config.safety.settings.presence.start_gate);
+  EXPECT_FALSE(ungated.safety.settings.presence.start_gate);
 }
 
 }  // namespace

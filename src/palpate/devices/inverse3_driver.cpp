@@ -170,6 +170,8 @@ class Socket {
       listen(heard);
     });
   }
+  /// What listens hears no more.
+  bool ended() const { return inbox_->error.failed(); }
   /// Something has come that nobody has asked for.
   bool hasMore() {
     waiting_.io().restart();
@@ -394,7 +396,7 @@ class Inverse3Driver final : public DeviceDriver {
     if (events_->open(settings_.host, settings_.events_port)) {
       note(fmt::format("no events at {}:{}: an emergency brake would not be told", settings_.host,
                        settings_.events_port));
-      events_->cut();
+      events_.reset();
       return;
     }
     events_->listen([this](std::string_view message) { heard(message); });
@@ -429,8 +431,9 @@ class Inverse3Driver final : public DeviceDriver {
       const bool last = ending_.load();
       const Error error = once();
       if (last) break;
-      if (error) {
-        comeBack(error);
+      if (error || returned_) {
+        if (error) note(fmt::format("connection lost: {}", error.message()));
+        beginAnew();
         next = Clock::now();
         continue;
       }
@@ -460,6 +463,11 @@ class Inverse3Driver final : public DeviceDriver {
   }
 
   Error once() {
+    if (events_ && events_->ended()) {
+      note("the events ended: an emergency brake is not told any more");
+      events_.reset();
+      if (braked_) return asio::error::connection_reset;  // nor its release
+    }
     while (socket_->hasMore()) {  // one answer for one message: more must not make us lag behind
       note("answers that nobody had asked for");
       if (const Error error = receive()) return error;
@@ -490,16 +498,13 @@ class Inverse3Driver final : public DeviceDriver {
     }
     const bool there = answer == Inverse3Answer::state;
     if (!there && present_) note("unplugged");
-    if (there && !present_ && state_.id != entry_.id) {
-      note(fmt::format("came back as {} in place of {}", state_.id, entry_.id));
-      entry_.id = state_.id;
-    }
+    returned_ = there && !present_;  // to settings of its own, which only a new session changes
     present_ = there;
     if (!there) braked_ = false;
-    tell(!there    ? "the Inverse3 was unplugged"
-         : busy_   ? "the Inverse3 was taken by another program"
-         : braked_ ? "the emergency brake of the Inverse3 is on"
-                   : objectionTo(state_.powered, state_.calibrated, state_.ready, state_.started));
+    tell(!there || returned_ ? "the Inverse3 was unplugged"
+         : busy_             ? "the Inverse3 was taken by another program"
+         : braked_           ? "the emergency brake of the Inverse3 is on"
+                             : objectionTo(state_.powered, state_.calibrated, state_.ready, state_.started));
     return {};
   }
 
@@ -515,10 +520,10 @@ class Inverse3Driver final : public DeviceDriver {
     readings_.write(reading);
   }
 
-  void comeBack(const Error& error) {
-    note(fmt::format("connection lost: {}", error.message()));
+  // With a session of its own, as at the start: the device's frame and the spelling of a force are of a session.
+  void beginAnew() {
     tell("the connection to the Haply service is lost");
-    present_ = busy_ = braked_ = false;
+    returned_ = present_ = busy_ = braked_ = false;
     socket_->cut();
     for (;;) {
       const auto again = Clock::now() + kRetryTime;
@@ -527,13 +532,18 @@ class Inverse3Driver final : public DeviceDriver {
         std::this_thread::sleep_for(milliseconds(10));
       }
       const Inverse3Entry before = entry_;
-      if (connectService().empty()) {
+      const ForceSpelling spelling = spelling_;
+      state_ = {};
+      if (connectService().empty() && firstForce().empty()) {
         if (entry_.id != before.id) note(fmt::format("came back as {} in place of {}", entry_.id, before.id));
         note("connected again");
+        if (events_) events_->cut();
+        listenToEvents();
         present_ = true;
         return;
       }
       entry_ = before;
+      spelling_ = spelling;
     }
   }
 
@@ -545,7 +555,7 @@ class Inverse3Driver final : public DeviceDriver {
   Waiting waiting_;
   std::unique_ptr<Socket> socket_, events_;
   Inverse3State state_;
-  bool present_ = true, braked_ = false, busy_ = false;
+  bool present_ = true, returned_ = false, braked_ = false, busy_ = false;
   std::uint64_t number_ = 0, seen_ = 0;
   Clock::time_point seen_time_ = Clock::now();
   Vec3 newest_ = Vec3::Zero();

@@ -33,6 +33,7 @@ enum Name : unsigned {
   kSerial = 0x2504,
   kUsable = 0x2551,
   kOutputFreedoms = 0x2554,
+  kCalibrationStyles = 0x2555,
   kUpdateRate = 0x2600,
   kMaxStiffness = 0x2602,
   kMaxForce = 0x2603,
@@ -45,6 +46,7 @@ enum Name : unsigned {
   kSoftwareForceLimit = 0x4003
 };
 constexpr unsigned kCalibrated = 0x5000, kNeedsUpdate = 0x5001;
+constexpr unsigned kAutomatic = 2, kInkwell = 4;  // styles of calibration
 
 using Callback = unsigned (*)(void*);
 
@@ -65,6 +67,7 @@ struct Library {
     library.find(getError, "hdGetError");
     library.find(getErrorString, "hdGetErrorString");
     library.find(checkCalibration, "hdCheckCalibration");
+    library.find(updateCalibration, "hdUpdateCalibration");
     library.find(scheduleAsynchronous, "hdScheduleAsynchronous");
     library.find(unschedule, "hdUnschedule");
     library.find(startScheduler, "hdStartScheduler");
@@ -86,6 +89,7 @@ struct Library {
   ErrorInfo (*getError)() = nullptr;
   const char* (*getErrorString)(unsigned) = nullptr;
   unsigned (*checkCalibration)() = nullptr;
+  void (*updateCalibration)(unsigned) = nullptr;
   unsigned long (*scheduleAsynchronous)(Callback, void*, unsigned short) = nullptr;
   void (*unschedule)(unsigned long) = nullptr;
   void (*startScheduler)() = nullptr;
@@ -260,6 +264,7 @@ class OpenHapticsDriver final : public DeviceDriver {
     l.workspace_radius = std::max(radius, 0.075);
     int rate = 0;
     lib_.getIntegerv(kUpdateRate, &rate);
+    lib_.getIntegerv(kCalibrationStyles, &styles_);
     lib_.getError();
     info_.rate = rate > 0 ? rate : 1000;
     info_.has_spin = true;
@@ -274,7 +279,23 @@ class OpenHapticsDriver final : public DeviceDriver {
                        : "it needs to be calibrated by hand with the vendor's program: its positions do not change");
   }
 
+  // What the device does by itself, or has only to be told that the stylus is in the inkwell.
+  void calibrate() {
+    const unsigned style = static_cast<unsigned>(styles_) & (kAutomatic | kInkwell);
+    if (trouble() == nullptr || style == 0 || lib_.checkCalibration() != kNeedsUpdate) return;
+    for (int k = 0; k < 10 && lib_.checkCalibration() != kCalibrated; ++k) {
+      lib_.updateCalibration((style & kAutomatic) != 0 ? kAutomatic : kInkwell);
+      while (lib_.getError().code != 0) {
+      }
+      std::this_thread::sleep_for(std::chrono::milliseconds(50));
+    }
+    if (lib_.checkCalibration() != kCalibrated) return;
+    trouble_.store(nullptr);
+    info_.facts.emplace_back("calibration", "updated at the start");
+  }
+
   void prepare() {
+    calibrate();
     if (trouble() != nullptr) throw RunError(fmt::format("touch: {}: {}", info_.name, trouble()));
     lib_.enable(kForceOutput);
     lib_.enable(kMaxForceClamping);
@@ -321,6 +342,7 @@ class OpenHapticsDriver final : public DeviceDriver {
   Library lib_;
   DriverInfo info_;
   unsigned device_ = kInvalid;
+  int styles_ = 0;
   const std::function<bool()>* tick_ = nullptr;
   bool in_frame_ = false, ending_ = false;
   int last_ticks_ = 0;

@@ -351,7 +351,8 @@ struct RunFiles::Impl {
     j["jumps"] = r.jumps;
     j["clutches"] = r.clutches;
     j["indexed_m"] = r.indexed_m;
-    j["notes"] = r.notes;
+    j["notes"] = config.device.notes;
+    for (const std::string& note : r.notes) j["notes"].push_back(note);
     return j;
   }
 

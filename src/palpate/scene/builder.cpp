@@ -407,6 +407,7 @@ void limitLink(World& world, const DeviceLimits& limits) {
 
 BuiltScene buildChecked(const SceneConfig& config) {
   BuiltScene out;
+  out.notes = config.device.notes;
   StageTeller teller;
   TriangleBudget budget;
   World& world = out.world;

@@ -278,6 +278,7 @@ struct DeviceConfig : SimulatedDeviceSettings {
   DeviceOptions options;                   ///< of one on a desk: its driver's and workspaceOptions()
   DeviceLimits caps = unlimited();         ///< the limits that the file gives, for one that has limits of its own
   std::shared_ptr<DeviceDriver> driver;    ///< of one on a desk, once openDevice() has run
+  std::vector<std::string> notes;          ///< what openDevice() has changed to fit the device, for people
 };
 
 /// What the file gives of the link.
@@ -291,6 +292,7 @@ struct LinkConfig {
 struct SafetyConfig {
   SafetySettings settings;                ///< but for what the device's limits say, and the age
   std::optional<double> model_age_limit;  ///< [s]; absent: modelAgeLimit() of visual step and latency
+  std::optional<bool> start_gate;         ///< absent: on a device that somebody has to hold
 };
 
 struct SceneConfig {

@@ -31,6 +31,13 @@ DeviceLimits within(DeviceLimits limits, const DeviceLimits& caps) {
   return limits;
 }
 
+void cut(double& value, double limit, const char* what, const char* unit, std::vector<std::string>& notes) {
+  if (!(value > limit)) return;
+  notes.push_back(
+      fmt::format("the scene's {} of {:.4g} {} is cut to what the device bears, {:.4g}", what, value, unit, limit));
+  value = limit;
+}
+
 }  // namespace
 
 std::optional<std::string> deviceObjection(const DeviceConfig& device) {
@@ -64,6 +71,17 @@ void openDevice(SceneConfig& config) {
   }
   d.limits = within(worldLimits(info, workspaceSettings(d.options), config.haptic_step), d.caps);
   config.link = config.link_given.over(linkForDevice(d.limits));
+  d.notes.clear();
+  if (info.has_force) {
+    cut(config.link.stiffness, d.limits.stiffness, "link stiffness", "N/m", d.notes);
+    cut(config.link.damping, d.limits.damping, "link damping", "N s/m", d.notes);
+    if (!config.safety.start_gate) config.safety.settings.presence.start_gate = true;
+  }
+  if (d.limits.peak_torque > 0.0) {
+    cut(config.link.rotational_stiffness, d.limits.rotational_stiffness, "link rotational_stiffness", "N m/rad",
+        d.notes);
+    cut(config.link.rotational_damping, d.limits.rotational_damping, "link rotational_damping", "N m s/rad", d.notes);
+  }
   if (config.safety.settings.start_ramp <= 0.0) config.safety.settings.start_ramp = kStartRamp;
 }
 

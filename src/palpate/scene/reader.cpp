@@ -99,7 +99,7 @@ void readSafety(const Value& value, SafetyConfig& safety) {
                 numberField("gap_ramp", safety.settings.gap_ramp, Range::within(0.0, 10.0, "s")),
                 numberField("model_age_limit", safety.model_age_limit, Range::positive(10.0, "s")),
                 {"dead_man", [&](const Value& item) { presence.dead_man = static_cast<int>(item.integer(0, 32)); }},
-                {"start_gate", [&](const Value& item) { presence.start_gate = item.boolean(); }},
+                {"start_gate", [&](const Value& item) { safety.start_gate = presence.start_gate = item.boolean(); }},
                 numberField("workspace", presence.workspace, Range::positive(10.0, "m")),
                 numberField("frozen_limit", presence.frozen_limit, Range::positive(10.0, "s")),
                 {"stop_swings", [&](const Value& item) { safety.settings.oscillation.enabled = item.boolean(); }},

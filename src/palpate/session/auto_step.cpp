@@ -42,7 +42,12 @@ std::vector<double> autoSteps(double haptic_step, double longest) {
 }
 
 AutoStep chooseVisualStep(const SceneConfig& config, double patience, const std::function<bool()>& stopped) {
-  BuiltScene scene = buildScene(config);
+  SceneConfig warm_up = config;
+  if (isHardware(config.device.kind)) {  // the warm-up is not in real time: nobody may feel it
+    warm_up.device.kind = DeviceName::simulated;
+    warm_up.device.driver.reset();
+  }
+  BuiltScene scene = buildScene(warm_up);
   RunTiming timing = timingOf(config);
   timing.substeps_auto = false;
   const double at_longest = costOf(scene, timing, patience, stopped);

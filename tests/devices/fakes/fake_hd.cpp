@@ -1,6 +1,7 @@
 // OpenHaptics' libHD with a Phantom Omni behind it, as its public header and documentation describe it; written from
 // those and not from Palpate's driver. It has its own servo thread of 1 kHz. Faults (fake_log.h): no-device, in-use,
-// license, uncalibrated, by-hand (calibration); and after a time: unplug (communication errors, for good), warm, force,
+// license, uncalibrated (the stylus is not in the inkwell), outdated (until it is updated, which the device does by
+// itself), by-hand (calibration); and after a time: unplug (communication errors, for good), warm, force,
 // velocity (errors that are survivable, one in ten frames), silent (the servo calls no more), nan (a position).
 #include <atomic>
 #include <chrono>
@@ -29,7 +30,7 @@ struct Info {
 struct State {
   fake::Hand hand;
   unsigned inits = 0;
-  bool open = false, in_frame = false, output = false, set_in_frame = false;
+  bool updated = false, open = false, in_frame = false, output = false, set_in_frame = false;
   std::atomic<bool> running{false};
   double force[3] = {0, 0, 0};
   std::vector<unsigned> errors;
@@ -228,6 +229,9 @@ void hdGetIntegerv(unsigned name, int* out) {
     case 0x2554:
       *out = 3;
       return;
+    case 0x2555:
+      *out = log().has("outdated") ? 3 : 4;
+      return;
     case 0x2600:
       *out = 1000;
       return;
@@ -281,9 +285,17 @@ const char* hdGetErrorString(unsigned code) { return code == 0x302 ? "Communicat
 
 unsigned hdCheckCalibration() {
   log().called("check-calibration");
+  if (log().has("outdated") && !state().updated) return 0x5001;
   return log().has("uncalibrated") ? 0x5001 : log().has("by-hand") ? 0x5002 : 0x5000;
 }
-void hdUpdateCalibration(unsigned) { log().called("update-calibration"); }
+void hdUpdateCalibration(unsigned style) {
+  State& s = state();
+  if (!s.open) log().violation("a calibration without a device");
+  if (s.running) log().violation("a calibration while the scheduler runs");
+  if (style != (log().has("outdated") ? 2u : 4u)) return fail(0x101);
+  log().called("update-calibration");
+  if (style == 2) s.updated = true;
+}
 
 unsigned long hdScheduleAsynchronous(unsigned (*callback)(void*), void* data, unsigned short) {
   State& s = state();

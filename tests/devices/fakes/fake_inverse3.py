@@ -11,8 +11,10 @@ prints the ports as one line of JSON, runs until its standard input ends, and th
 
 Faults: no-device, no-power, uncalibrated, in-use, second (device), integers (numbers), unknown (fields), legacy; and, so
 many seconds after the first force: taken, unplug (for good), replug (away for half a second, back under another id), late
-(one answer, 150 ms), slow (all), twice, never, cut (a message), garbage, ebrake (for half a second), restart (closes every
-connection once), jump (5 cm for good), nan.
+(one answer, 150 ms), slow (all), twice, never, cut (a message), garbage, ebrake (for half a second), restart (closes the
+connection once), events-end (closes the events' connection), jump (5 cm for good), nan.
+
+A preset is of one connection and one device: with the next of either the origin is at the mounting plate again.
 """
 
 import argparse
@@ -53,13 +55,13 @@ class Service:
         self.last_time = None
         self.first_force = None
         self.id, self.second_id = "049D", "04EA"
-        self.preset = "defaults"
+        self.preset, self.preset_of = "defaults", None
         self.done = set()
         self.events = []
         self.connections = []
         self.log = {"violations": [], "messages": 0, "forces": 0, "ignored_forces": 0, "spellings": [], "profile": None, "preset": None,
                     "max_force": 0.0, "largest_step": 0.0, "last_force": [0, 0, 0], "non_zero_while_away": 0, "connections": 0,
-                    "first_force": None, "first_message_at": None, "closed_cleanly": 0, "history": []}
+                    "first_force": None, "first_message_at": None, "closed_cleanly": 0, "uncentered_forces": 0, "history": []}
 
     # Faults
 
@@ -108,6 +110,8 @@ class Service:
 
     def state(self):
         position = list(self.hand.position)
+        if self.preset_of != self.id:
+            position = [position[0], position[1] - 0.12, position[2] + 0.1]
         if self.on("jump"):
             position[0] += 0.05
         new = self.newer()
@@ -203,6 +207,7 @@ class Service:
             if not first:
                 raise Refused("a preset after the first message")
             self.preset = self.log["preset"] = configure["preset"]["preset"]
+            self.preset_of = device["device_id"]
         for name, body in device.get("commands", {}).items():
             if name not in COMMANDS:
                 raise Refused(f"unknown command {name}")
@@ -223,6 +228,7 @@ class Service:
             return
         force = [value["x"], value["y"], value["z"]]
         norm = math.hypot(*force)
+        self.log["uncentered_forces"] += here and norm > 0.2 and self.preset_of != self.id
         if self.log["first_force"] is None and norm > 0:
             self.log["first_force"] = norm
         if norm > 0.2 and self.first_force is None:  # more than the gate's
@@ -340,6 +346,7 @@ class Service:
             return
         self.log["connections"] += 1
         self.connections.append(connection)
+        self.preset, self.preset_of = "defaults", None
         self.send(connection, self.answer(inventory=True))
         first = True
         while True:
@@ -394,7 +401,7 @@ class Service:
             self.send(connection, json.dumps({"name": name, "category": "device", "level": level,
                                               "data": {"device_family": "inverse", "device_id": self.id, **data}, "message": name}))
 
-        while True:
+        while not self.on("events-end"):
             if self.on("ebrake") and "ebrake" not in told:
                 told.add("ebrake")
                 event("device-safety-triggered", "error", safety_type="ebrake_triggered")
