@@ -13,12 +13,15 @@ constexpr double kStep = 0.033;
 
 struct Held {
   World world;
-  explicit Held(double height) {
+  /// @param more  mass of the handle [kg]
+  explicit Held(double height, double more = 0.0) {
     Material material;
     material.youngs_modulus = 2e4;
     material.damping_beta = 0.002;
     BodyModel body = bar({4, 3, 3}, material);
-    holdNodes(body, onTop, kPlainHandle);
+    HandleOptions handle = kPlainHandle;
+    handle.mass += more;
+    holdNodes(body, onTop, handle);
     world.obstacles = {ground()};
     world.add(std::move(body));
     Pose start = world.tool().state.handle.pose;
@@ -62,6 +65,64 @@ TEST(Follow, TurningAloneStrainsNothing) {
   }
   // centrifugal strain is of the order rho w^2 L^2 / E = 5e-6; its energy E V strain^2 / 2
   EXPECT_LT(report.elastic_energy, 1e-9);
+}
+
+// Led on the way that it is on already, evenly, up and down, once with 0.3 kg more in the handle: nobody makes energy,
+// and the path is kept to. Who leads the handle carries its weight.
+TEST(Follow, LiftingMakesNoEnergy) {
+  for (const double more : {0.0, 0.3}) {
+    for (const double speed : {0.3, -0.3}) {
+      Held held(0.6, more);
+      Vec6 twist = Vec6::Zero();
+      twist[2] = speed;
+      held.world.settle({0}, held.world.tool().state.handle.pose);
+      double made = 0;
+      for (int k = 0; k < 40; ++k) {
+        const StepReport report = held.world.follow(straight(held.world.tool().state.handle.pose, twist, kStep), kStep);
+        ASSERT_EQ(held.world.state().pulled_after, 0) << "left the path, step " << k << ", speed " << speed;
+        made += report.energy_made;
+      }
+      EXPECT_EQ(made, 0) << more << " kg, " << speed << " m/s";
+    }
+  }
+}
+
+TEST(Follow, LiftingARigidToolMakesNoEnergy) {
+  for (const double speed : {0.3, -0.3}) {
+    World world;
+    BodyModel ball = BodyModel::rigid("probe", sphereSurface(0.01), 2000);
+    ball.holdRigid("grip", 0.3, Vec3::Zero(), expRotation({0.3, -0.2, 0.1}));
+    world.add(std::move(ball));
+    Vec6 twist = Vec6::Zero();
+    twist[2] = speed;
+    for (int k = 0; k < 10; ++k) {
+      const StepReport report = world.follow(straight(world.tool().state.handle.pose, twist, kStep), kStep);
+      EXPECT_EQ(report.energy_made, 0) << "step " << k << ", speed " << speed;
+      EXPECT_EQ(world.state().pulled_after, 0) << "left the path, step " << k << ", speed " << speed;
+    }
+  }
+}
+
+// A correction that lifts the free nodes by a millimeter brings their weight's energy, in the step's account as well.
+TEST(Follow, CorrectionsLiftWeight) {
+  for (const double way : {1e-3, -1e-3}) {
+    Held held(0.1);
+    held.world.settle({0}, held.world.tool().state.handle.pose);
+    const BodyModel& tool = held.world.tool().model;
+    ToolPath path = straight(held.world.tool().state.handle.pose, Vec6::Zero(), kStep);
+    path.shift = VecX::Zero(3 * tool.freeNodes());
+    double mass = 0;
+    for (int r = 0; r < tool.freeNodes(); ++r) {
+      path.shift[3 * r + 2] = way;
+      mass += tool.elasticity().mass()[tool.free()[r]];
+    }
+    const double flat = held.world.gravity.norm() * mass * way;
+    const WorldState start = held.world.state();
+    const double with = held.world.follow(path, kStep).energy_corrected;
+    held.world.restore(start);
+    held.world.gravity.setZero();
+    EXPECT_NEAR(with - held.world.follow(path, kStep).energy_corrected, flat, 1e-3 * std::abs(flat));
+  }
 }
 
 // A path into the ground: the free nodes stay above it whatever the handle does, and the handle stops where the ground

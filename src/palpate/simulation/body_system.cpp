@@ -483,6 +483,11 @@ double BodySystem::correctionEnergy(double elastic) {
   if (followed.shift.size() > 0) {
     ElasticAhead scratch;
     energy = (turned_ ? prepared_.energy : model_->elasticity().energyAt(moved_, state_->elastic, scratch)) - elastic;
+    // gravity's work is counted along the whole way, of which the shift is no motion
+    const Vec3 down = followed.end.pose.rotation.conjugate() * input_.gravity;
+    for (int r = 0; r < model_->freeNodes(); ++r) {
+      energy -= model_->elasticity().mass()[model_->free()[r]] * down.dot(followed.shift.segment<3>(3 * r));
+    }
   }
   if (followed.velocity.size() == 0) return energy;
   const Mat3 turn = start_.pose.matrix();

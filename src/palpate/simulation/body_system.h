@@ -161,7 +161,7 @@ class BodySystem {
     return model_->elasticity().energyAt(state.positions, state.elastic, ahead_) +
            (model_->springStiffness().size() > 0 ? model_->springEnergy(state.positions, model_->anchors(time)) : 0.0);
   }
-  /// What the corrections that come with a path bring at the start of the step, kinetic and elastic [J].
+  /// What the corrections that come with a path bring at the start of the step: kinetic, elastic and of weight [J].
   /// @param elastic  energy that the body had before them [J]
   double correctionEnergy(double elastic);
   /// Wrench of the tool on a handle that follows a path, elastic and damping, at the end of the step, and of contact on

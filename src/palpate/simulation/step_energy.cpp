@@ -16,12 +16,14 @@ StepWork workOn(const BodySystem& system, const BodyState& end) {
     moment += model.elasticity().mass()[i] * (end.positions.segment<3>(3 * i) - start.segment<3>(3 * i));
   }
   if (model.driven()) work.add(system.attachmentWork());
-  if (model.framed()) {
+  // who leads a handle carries its weight as well: what gravity does on it, he undoes
+  const bool led = model.held() && input.followed.on;
+  if (model.framed() && !led) {
     moment += model.handle().mass * (end.handle.pose.position - system.startPose().position);
   }
   work.add(input.gravity.dot(moment));
-  if (model.held() && input.followed.on) {
-    // who leads the handle gives it what it has more, and what the tool resists
+  if (led) {
+    // he gives it what it has more, and what the tool resists
     const Vec6 motion = poseDifference(end.handle.pose, system.startPose());
     const auto kinetic = [&](const HandleState& h) {
       return 0.5 * h.twist.dot(model.handle().massMatrix(h.pose) * h.twist);
