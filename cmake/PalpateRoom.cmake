@@ -1,8 +1,8 @@
 # Shared compile options, and the functions by which each folder declares its library or its tests.
 add_library(palpate_options INTERFACE)
-target_include_directories(palpate_options INTERFACE ${CMAKE_SOURCE_DIR}/src)
+target_include_directories(palpate_options INTERFACE ${PROJECT_SOURCE_DIR}/src)
 # shared/: scenes and problems of tests and benchmarks
-include_directories(${CMAKE_SOURCE_DIR})
+include_directories(${PROJECT_SOURCE_DIR})
 target_compile_options(palpate_options INTERFACE -Wall -Wextra -Wshadow -Wconversion -Wno-sign-conversion -Wpedantic
                                                  -fno-math-errno)
 # what is rounded follows from the source, not from what is inlined where; a room may say otherwise
@@ -50,14 +50,18 @@ set(PALPATE_COMMON_HEADERS
     <algorithm> <array> <atomic> <chrono> <cmath> <cstdint> <filesystem> <functional> <limits> <map> <memory> <numbers>
     <numeric> <optional> <span> <stdexcept> <string> <string_view> <unordered_map> <utility> <variant> <vector>
     <Eigen/Cholesky> <Eigen/Core> <Eigen/Geometry> <Eigen/LU> <fmt/format.h>)
-file(WRITE ${CMAKE_BINARY_DIR}/empty.cpp.in "")
+file(WRITE ${PROJECT_BINARY_DIR}/empty.cpp.in "")
 function(palpate_precompiled name)
-  configure_file(${CMAKE_BINARY_DIR}/empty.cpp.in ${CMAKE_BINARY_DIR}/${name}.cpp COPYONLY)
-  add_library(${name} OBJECT ${CMAKE_BINARY_DIR}/${name}.cpp)
+  configure_file(${PROJECT_BINARY_DIR}/empty.cpp.in ${PROJECT_BINARY_DIR}/${name}.cpp COPYONLY)
+  add_library(${name} OBJECT ${PROJECT_BINARY_DIR}/${name}.cpp)
   target_link_libraries(${name} PRIVATE palpate_options)
   target_precompile_headers(${name} PRIVATE ${PALPATE_COMMON_HEADERS} ${ARGN})
   set_target_properties(${name} PROPERTIES PALPATE_HEADERS "${ARGN}")
 endfunction()
+# The rooms become programs and shared libraries, which show only what include/palpate declares.
+set(CMAKE_POSITION_INDEPENDENT_CODE ON)
+set(CMAKE_CXX_VISIBILITY_PRESET hidden)
+set(CMAKE_VISIBILITY_INLINES_HIDDEN ON)
 palpate_precompiled(palpate_headers)
 if(CMAKE_CXX_COMPILER_ID MATCHES "Clang")
   set(PALPATE_ANY_HEADERS -Xclang -fno-validate-pch)
@@ -101,7 +105,7 @@ function(palpate_join variable name)
   set(count 0)
   foreach(source IN LISTS ARGN)
     get_filename_component(path ${source} ABSOLUTE)
-    file(RELATIVE_PATH path ${CMAKE_SOURCE_DIR} ${path})
+    file(RELATIVE_PATH path ${PROJECT_SOURCE_DIR} ${path})
     math(EXPR part "${count} / 12")
     set(file ${CMAKE_CURRENT_BINARY_DIR}/${name}_${part}.cpp)
     list(APPEND joined ${file})
@@ -162,6 +166,8 @@ if(PALPATE_TESTS)
   palpate_precompiled(palpate_test_headers <gtest/gtest.h>)
   target_link_libraries(palpate_test_headers PRIVATE GTest::gtest)
   target_compile_options(palpate_test_headers PRIVATE ${PALPATE_TEST_OPTIONS})
+  set_target_properties(palpate_test_headers PROPERTIES POSITION_INDEPENDENT_CODE OFF CXX_VISIBILITY_PRESET default
+                                                        VISIBILITY_INLINES_HIDDEN OFF)
 endif()
 
 # palpate_test(NAME SOURCES ... DEPENDS ... [LIBRARIES ...] [LABELS ...] [ALONE ...] [LIGHT]): one GoogleTest program,
@@ -203,5 +209,36 @@ endfunction()
 
 # Sources (ALONE) that open the repository's files. Nobody else is told where it is, so that a compiler cache serves any checkout.
 function(palpate_source_dir)
-  set_property(SOURCE ${ARGN} APPEND PROPERTY COMPILE_DEFINITIONS PALPATE_SOURCE_DIR="${CMAKE_SOURCE_DIR}")
+  set_property(SOURCE ${ARGN} APPEND PROPERTY COMPILE_DEFINITIONS PALPATE_SOURCE_DIR="${PROJECT_SOURCE_DIR}")
+endfunction()
+
+# palpate_library(NAME SHOWN HEADER SOURCES ... DEPENDS ... [PUBLIC LIBRARY ...] [LIBRARIES ...]): a shared library,
+# palpate_NAME here, palpate::HEADER for others, which shows what include/palpate/HEADER.h declares. DEPENDS: rooms that
+# go into it. PUBLIC: such libraries that its users need too.
+set(PALPATE_EXPORTS ${CMAKE_CURRENT_LIST_DIR}/../src/palpate/library/exports.map)
+function(palpate_library name)
+  cmake_parse_arguments(LIB "" "SHOWN" "SOURCES;DEPENDS;PUBLIC;LIBRARIES" ${ARGN})
+  palpate_join(joined ${name} ${LIB_SOURCES})
+  add_library(palpate_${name} SHARED ${joined})
+  add_library(palpate::${LIB_SHOWN} ALIAS palpate_${name})
+  palpate_reuse_headers(palpate_${name} palpate_headers ${PALPATE_LIGHT})
+  target_compile_definitions(palpate_${name} PRIVATE PALPATE_WITHIN)
+  target_compile_features(palpate_${name} INTERFACE cxx_std_20)
+  target_include_directories(palpate_${name} PUBLIC $<BUILD_INTERFACE:${PROJECT_SOURCE_DIR}/include>
+                                                    $<INSTALL_INTERFACE:${CMAKE_INSTALL_INCLUDEDIR}>)
+  target_link_libraries(palpate_${name} PRIVATE palpate_options ${LIB_LIBRARIES})
+  foreach(room IN LISTS LIB_DEPENDS)
+    target_link_libraries(palpate_${name} PRIVATE palpate_${room})
+  endforeach()
+  foreach(library IN LISTS LIB_PUBLIC)
+    target_link_libraries(palpate_${name} PUBLIC palpate_${library})
+  endforeach()
+  target_link_options(palpate_${name} PRIVATE -Wl,--version-script=${PALPATE_EXPORTS} -Wl,--as-needed)
+  set(output palpate)
+  if(NOT LIB_SHOWN STREQUAL "palpate")
+    set(output palpate-${LIB_SHOWN})
+  endif()
+  set_target_properties(palpate_${name} PROPERTIES OUTPUT_NAME ${output} EXPORT_NAME ${LIB_SHOWN}
+                                                   VERSION ${PROJECT_VERSION} SOVERSION ${PROJECT_VERSION_MAJOR}
+                                                   LINK_DEPENDS ${PALPATE_EXPORTS})
 endfunction()

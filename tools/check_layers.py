@@ -29,13 +29,13 @@ def room_order(root):
 
 
 def room_calls(cmake_file):
-    """The words of each palpate_room() call; a room may be made of several libraries."""
+    """The words of each palpate_room() or palpate_library() call; a room may be made of several libraries."""
     text = re.sub(r"#.*", "", cmake_file.read_text())
-    return [call.split() for call in re.findall(r"palpate_room\(([^)]*)\)", text)]
+    return [call.split() for call in re.findall(r"palpate_(?:room|library)\(([^)]*)\)", text)]
 
 
 def declared_dependencies(cmake_file):
-    """The libraries after DEPENDS in the palpate_room() calls of a room's CMakeLists.txt."""
+    """The libraries after DEPENDS in these calls of a room's CMakeLists.txt."""
     dependencies, keyword = [], None
     for word in (word for call in room_calls(cmake_file) for word in call):
         if word in ("SOURCES", "DEPENDS", "LIBRARIES", "ALONE", "OPTIONS"):

@@ -47,6 +47,8 @@ class LockstepRun {
   void runUntil(std::int64_t end);
   /// How many ticks the run's duration has.
   std::int64_t ticks() const { return ticks_; }
+  /// The next one.
+  std::int64_t tick() const { return tick_; }
 
   LockstepState state() const;
   /// @throws InputError if the state is not of this scene
