@@ -58,8 +58,8 @@ int main() {
   options.device = std::make_shared<Finger>();
   options.tick = [](const palpate::Tick& t) {
     if (static_cast<int>(1000 * t.time + 0.5) % 100 == 0) {
-      std::printf("%.1f s: %6.2f mm down, force %5.2f N aside, %5.2f N up\n", t.time,
-                  1e3 * (0.065 - t.device.pose.position[2]), t.sent[0], t.sent[2]);
+      std::printf("%.1f s: finger at %5.1f, %5.1f mm; force on it %5.2f N aside, %5.2f N up\n", t.time,
+                  1e3 * t.device.pose.position[0], 1e3 * t.device.pose.position[2], t.sent[0], t.sent[2]);
     }
   };
   const palpate::RunSummary summary = palpate::Run(palpate::Scene::parse(kScene), options).finish();

@@ -3,7 +3,7 @@
 #include <palpate/palpate.h>
 
 #include <cstdio>
-#include <vector>
+#include <string>
 
 namespace {
 
@@ -16,8 +16,9 @@ tool:
   handles: {top: {region: {halfspace: {point: [0, 0, 0.0599], normal: [0, 0, 1]}}}}
 )");
   scene.set("tool.material.youngs_modulus", modulus).set("tool.material.poisson_ratio", 0.4);
-  scene.set("tool.material.parts[0].region", "{box: {min: [-0.016, -0.016, 0.014], max: [0.016, 0.016, 0.046]}}");
-  scene.set("tool.material.parts[0].youngs_modulus", core_modulus);
+  scene.set("tool.material.parts",
+            "[{region: {box: {min: [-0.016, -0.016, 0.014], max: [0.016, 0.016, 0.046]}}, youngs_modulus: " +
+                std::to_string(core_modulus) + "}]");
   return scene;
 }
 

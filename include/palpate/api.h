@@ -13,6 +13,7 @@
 #define PALPATE_VERSION_STRING "0.1.0"
 
 #define PALPATE_EXPORT __attribute__((visibility("default")))
+#define PALPATE_LOCAL __attribute__((visibility("hidden")))
 
 // All names are in palpate::v0, which is inline. Palpate's own sources have classes of the same names in palpate
 // itself; for them it is not.

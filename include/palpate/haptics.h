@@ -335,7 +335,7 @@ class PALPATE_EXPORT SafetyChain {
   double deliveredEnergy() const noexcept;
 
  private:
-  struct Impl;
+  struct PALPATE_LOCAL Impl;
   std::unique_ptr<Impl> impl_;
 };
 
@@ -391,7 +391,7 @@ class PALPATE_EXPORT HapticState {
 
  private:
   friend class HapticLoop;
-  struct Impl;
+  struct PALPATE_LOCAL Impl;
   std::shared_ptr<const Impl> impl_;
 };
 
@@ -427,7 +427,7 @@ class PALPATE_EXPORT HapticLoop {
   const HapticSettings& settings() const noexcept;
 
  private:
-  struct Impl;
+  struct PALPATE_LOCAL Impl;
   std::unique_ptr<Impl> impl_;
 };
 
@@ -446,7 +446,7 @@ class PALPATE_EXPORT ModelExchange {
   const HandleModel* newest() noexcept;
 
  private:
-  struct Impl;
+  struct PALPATE_LOCAL Impl;
   std::unique_ptr<Impl> impl_;
 };
 

@@ -63,7 +63,7 @@ class PALPATE_EXPORT Scene {
  private:
   friend class World;
   friend class Run;
-  struct Impl;
+  struct PALPATE_LOCAL Impl;
   explicit Scene(std::shared_ptr<const Impl> impl);
   std::shared_ptr<const Impl> impl_;
 };
@@ -191,7 +191,7 @@ class PALPATE_EXPORT World {
 
  private:
   friend class Run;
-  struct Impl;
+  struct PALPATE_LOCAL Impl;
   explicit World(std::unique_ptr<Impl> impl);
   std::unique_ptr<Impl> impl_;
 };
@@ -229,7 +229,7 @@ class PALPATE_EXPORT RunState {
 
  private:
   friend class Run;
-  struct Impl;
+  struct PALPATE_LOCAL Impl;
   std::shared_ptr<const Impl> impl_;
 };
 
@@ -260,7 +260,7 @@ class PALPATE_EXPORT Run {
   static RunSummary realtime(const Scene& scene, RunOptions options = {});
 
  private:
-  struct Impl;
+  struct PALPATE_LOCAL Impl;
   std::unique_ptr<Impl> impl_;
 };
 
