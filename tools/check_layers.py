@@ -35,12 +35,12 @@ def room_calls(cmake_file):
 
 
 def declared_dependencies(cmake_file):
-    """The libraries after DEPENDS in these calls of a room's CMakeLists.txt."""
+    """The libraries after DEPENDS, or PUBLIC, in these calls of a room's CMakeLists.txt."""
     dependencies, keyword = [], None
     for word in (word for call in room_calls(cmake_file) for word in call):
-        if word in ("SOURCES", "DEPENDS", "LIBRARIES", "ALONE", "OPTIONS"):
+        if word in ("SOURCES", "DEPENDS", "LIBRARIES", "ALONE", "OPTIONS", "SHOWN", "PUBLIC"):
             keyword = word
-        elif keyword == "DEPENDS":
+        elif keyword in ("DEPENDS", "PUBLIC"):
             dependencies.append(word)
     return dependencies
 

@@ -12,7 +12,7 @@ import re
 
 import reporting
 
-FOLDERS = ("src", "apps", "shared", "tests", "bench", "fuzz")
+FOLDERS = ("include", "src", "examples", "apps", "shared", "tests", "bench", "fuzz")
 CONSTANT = re.compile(
     r"^(?:(?:inline |static )*(?:constexpr|const) |[ ]+static (?:inline )?constexpr )"
     r"(?:inline )?(?P<type>[\w:<>,\*& ]*?[\w>\*]) (?P<name>\w+)(?:\[\w*\])*(?= =| ?\{|;|\[)",
@@ -43,7 +43,7 @@ def check(root, files):
             yield f"{place}: has tests and is not named x_test.cpp"
         for match in INCLUDE.finditer(text):
             name = match.group(1)
-            if not any((folder / name).exists() for folder in (file.parent, root / "src", root, root / "web", root / "apps")):
+            if not any((folder / name).exists() for folder in (file.parent, root / "src", root / "include", root, root / "web", root / "apps")):
                 yield f"{place}:{line_of(text, match.start())}: includes {name}, which is not there"
 
 
