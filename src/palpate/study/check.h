@@ -8,7 +8,8 @@ namespace palpate {
 
 /// Errors of Kx or Kv against central differences, by block: force by translation, force by rotation, torque by
 /// translation, torque by rotation. Rotations are scaled by half the tool's bounding-box diagonal; each error is the
-/// Frobenius norm of the difference relative to the block's own (at least 1e-6 of the whole scaled matrix).
+/// Frobenius norm of the difference relative to the block's own (at least 1e-6 of the whole scaled matrix, and of what
+/// the handle's mass resists in a step).
 struct BlockErrors {
   std::array<double, 4> block{};
   double worst() const;
@@ -29,6 +30,7 @@ LinearizationCheck checkLinearization(World& world, const DeviceTarget& device, 
                                       const LinearizationSettings& settings);
 
 /// How far `model` is from `reference`, by block.
-BlockErrors compareBlocks(const Mat6& model, const Mat6& reference, double length);
+/// @param nothing  norm of a scaled block that counts as no more than that [N/m], [N s/m]
+BlockErrors compareBlocks(const Mat6& model, const Mat6& reference, double length, double nothing = 0.0);
 
 }  // namespace palpate
