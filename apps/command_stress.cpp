@@ -8,17 +8,14 @@
 
 #include "commands.h"
 #include "palpate/common/error.h"
-#include "palpate/record/csv_writer.h"
 #include "palpate/record/json_file.h"
 #include "palpate/record/output_folder.h"
-#include "palpate/study/stress.h"
+#include "palpate/study/stress_output.h"
 #include "progress.h"
 #include "scene_options.h"
 
 namespace palpate {
 namespace {
-
-constexpr int kRides = 10;  // unless told
 
 struct StressOptions {
   SceneOptions scene;
@@ -44,123 +41,15 @@ class InterruptAsks {
 };
 
 StressSettings settingsOf(const StressOptions& options, const SceneConfig& config) {
-  StressSettings out;
-  out.timing = timingOf(config);
+  StressSettings out = stressSettingsOf(config);
   out.motion = options.motion;
-  out.seed = config.seed;
   out.riding = options.hand == "ride";
   out.solve_static = options.solve_static;
   if (!out.riding && options.seeds) throw InputError("--seeds", "", "needs --hand ride");
   if (!out.riding && options.solve_static) throw InputError("--static", "", "needs --hand ride");
   out.steps = options.steps.value_or(out.steps);
-  out.rides = options.steps ? 0 : options.seeds.value_or(kRides);
-  if (!config.tool.self_contact) out.crossable.push_back(0);
-  for (std::size_t i = 0; i < config.bodies.size(); ++i) {
-    if (!config.bodies[i].self_contact) out.crossable.push_back(static_cast<int>(i) + 1);
-  }
+  out.rides = options.steps ? 0 : options.seeds.value_or(kUsualRides);
   return out;
-}
-
-const char* nameOf(RideJudge judge) {
-  switch (judge) {
-    case RideJudge::reference:
-      return "reference";
-    case RideJudge::settled:
-      return "static";
-    default:
-      return "none";
-  }
-}
-
-void writeRides(const std::filesystem::path& path, const std::vector<StressRide>& rides) {
-  CsvWriter csv(path, {"seed",
-                       "failed",
-                       "steps",
-                       "deepest_penetration_rel",
-                       "wrong_side",
-                       "self_intersections",
-                       "inverted",
-                       "restless",
-                       "steps_crossed",
-                       "steps_passed",
-                       "steps_folded",
-                       "nan",
-                       "frozen",
-                       "cut",
-                       "cut_twice",
-                       "least_share",
-                       "redone",
-                       "not_converged",
-                       "restored",
-                       "energy_made_J",
-                       "largest_energy_made_J",
-                       "max_energy_J",
-                       "judge",
-                       "came_back",
-                       "handle_off_m",
-                       "tool_energy_J",
-                       "energy_off_J",
-                       "max_step_ms"});
-  for (const StressRide& r : rides) {
-    const StressTally& t = r.tally;
-    csv.cell(std::to_string(r.seed)).cell(r.failed() ? 1 : 0).cell(t.steps).cell(t.deepest_penetration_rel);
-    for (const int count : {t.wrong_side, t.self_intersections, t.inverted, t.restless, t.crossed, t.passed, t.folded,
-                            t.nan, t.frozen, t.cut, t.cut_twice}) {
-      csv.cell(count);
-    }
-    csv.cell(t.least_share).cell(t.redone).cell(t.not_converged).cell(t.restored).cell(t.energy_made);
-    csv.cell(t.largest_energy_made).cell(t.max_energy).cell(nameOf(r.judge)).cell(r.came_back ? 1 : 0);
-    csv.cell(r.handle_off).cell(r.energy).cell(r.energy_off).cell(r.max_ms);
-    csv.endRow();
-  }
-  csv.close();
-}
-
-nlohmann::ordered_json summaryOf(const std::string& scene, const StressOptions& options, const StressSettings& settings,
-                                 const StressOutcome& o) {
-  const StressTally& t = o.all;
-  nlohmann::ordered_json j;
-  j["scene"] = scene;
-  j["hand"] = options.hand;
-  j["seed"] = settings.seed;
-  j["step_s"] = settings.timing.visual_step;
-  j["steps"] = t.steps;
-  j["stopped"] = o.stopped;
-  j["failures"] = stressFailures(o);
-  j["deepest_penetration_rel"] = t.deepest_penetration_rel;
-  j["nan"] = t.nan;
-  j["wrong_side"] = t.wrong_side;
-  j["self_intersections"] = t.self_intersections;
-  j["inverted"] = t.inverted;
-  j["steps_crossed"] = t.crossed;
-  j["steps_passed"] = t.passed;
-  j["steps_folded"] = t.folded;
-  j["frozen"] = t.frozen;
-  j["max_energy_J"] = t.max_energy;
-  j["max_kinetic_J"] = t.max_kinetic;
-  j["max_elastic_J"] = t.max_elastic;
-  j["energy_made_J"] = t.energy_made;
-  j["largest_energy_made_J"] = t.largest_energy_made;
-  j["restored"] = t.restored;
-  j["not_converged"] = t.not_converged;
-  j["cut"] = t.cut;
-  j["cut_twice"] = t.cut_twice;
-  j["least_share"] = t.least_share;
-  j["redone"] = t.redone;
-  j["step_ms"] = {{"median", o.median_ms}, {"p99", o.p99_ms}, {"p99_9", o.p99_9_ms}, {"max", o.max_ms}};
-  if (settings.riding) {
-    int failed = 0, judged = 0;
-    nlohmann::ordered_json seeds = nlohmann::ordered_json::array();
-    for (const StressRide& r : o.rides) {
-      judged += r.judge == RideJudge::none ? 0 : 1;
-      if (!r.failed()) continue;
-      ++failed;
-      seeds.push_back(r.seed);
-    }
-    j["restless"] = t.restless;
-    j["rides"] = {{"ridden", o.rides.size()}, {"judged", judged}, {"failed", failed}, {"failed_seeds", seeds}};
-  }
-  return j;
 }
 
 void print(const std::string& scene, const StressSettings& settings, const StressOutcome& o) {
@@ -200,7 +89,7 @@ void stress(const StressOptions& options) {
   }
   print(config.name, settings, o);
   if (settings.riding) writeRides(folder.stage("rides.csv"), o.rides);
-  writeJson(folder.stage("summary.json"), summaryOf(config.name, options, settings, o));
+  writeJson(folder.stage("summary.json"), stressSummary(config.name, settings, o));
   folder.commit();
   const std::vector<std::string> failures = stressFailures(o);
   for (const std::string& line : failures) fmt::print("  FAILED: {}\n", line);

@@ -132,6 +132,7 @@ HandleConfig readHandle(const Value& value, const std::string& name, const ToolC
     fields.push_back({"region", [](const Value& v) { v.fail("a rigid tool is held as a whole"); }});
   } else {
     fields.push_back(regionField(handle.region, tool.shape));
+    if (value.describes()) fields.back().required = false;  // of a rigid tool it has none
   }
   value.fields(fields);
   return handle;
@@ -140,7 +141,7 @@ HandleConfig readHandle(const Value& value, const std::string& name, const ToolC
 /// The field for bodies that are rigid or soft, as `rigid` says; for others the key is an error.
 Field onlyFor(const bool& is_rigid, bool rigid, const Field& field, const char* objection) {
   return {field.key, [&is_rigid, rigid, field, objection](const Value& value) {
-            if (is_rigid != rigid) value.fail(objection);
+            if (is_rigid != rigid && !value.describes()) value.fail(objection);
             field.read(value);
           }};
 }

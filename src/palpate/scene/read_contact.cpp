@@ -91,8 +91,7 @@ class ContactPartners {
 FrictionPairConfig readPair(const Value& value, const ContactPartners& partners) {
   FrictionPairConfig pair;
   const auto readNames = [&](const Value& list) {
-    const std::vector<Value> names = list.items(2);
-    if (names.size() != 2) list.fail(fmt::format("has {} names; it must have 2", names.size()));
+    const std::vector<Value> names = list.exactly(2, "names");
     pair.first = partners.read(names[0]);
     pair.second = partners.read(names[1]);
     if (const auto cause = partners.objection(pair.first, pair.second)) list.fail(*cause);

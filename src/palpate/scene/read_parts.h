@@ -26,7 +26,11 @@ inline Field nameField(std::string& target) {
 }
 template <typename Enum>
 Field choiceField(const char* key, Enum& target, const std::vector<std::string>& words) {
-  return {key, [&target, &words](const Value& value) { target = static_cast<Enum>(value.choice(words)); }};
+  return {key, [&target, &words](const Value& value) {
+            const std::string before = words.at(static_cast<std::size_t>(target));
+            target = static_cast<Enum>(value.choice(words));
+            value.noteDefault(before);
+          }};
 }
 inline Field poseField(const char* key, Pose& pose) {
   return {key, [&pose](const Value& value) {

@@ -47,8 +47,7 @@ SurfaceShapeConfig readSurface(const Value& value) {
 BarShapeConfig readBar(const Value& value) {
   BarShapeConfig shape;
   const auto readCells = [&](const Value& cells) {
-    const std::vector<Value> parts = cells.items(3);
-    if (parts.size() != 3) cells.fail(fmt::format("has {} numbers; it must have 3", parts.size()));
+    const std::vector<Value> parts = cells.exactly(3, "numbers");
     for (std::size_t i = 0; i < 3; ++i) shape.cells[i] = parts[i].integer(1, 200);
   };
   value.fields({required(vectorField("size", shape.size, kSize)), required({"cells", readCells})});
@@ -84,8 +83,7 @@ TetrahedraFileShapeConfig readTetrahedraFile(const Value& value) {
 RevolutionShapeConfig readRevolution(const Value& value) {
   RevolutionShapeConfig shape;
   const auto readCorner = [](const Value& corner) -> std::array<double, 2> {
-    const std::vector<Value> parts = corner.items(2);
-    if (parts.size() != 2) corner.fail(fmt::format("has {} numbers; it must have 2, r and z", parts.size()));
+    const std::vector<Value> parts = corner.exactly(2, "numbers", ", r and z");
     return {parts[0].number(Range::within(0.0, 10.0, "m")), parts[1].number(Range::within(-10.0, 10.0, "m"))};
   };
   const auto readProfile = [&](const Value& profile) {

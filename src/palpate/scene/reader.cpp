@@ -3,6 +3,7 @@
 
 #include <fmt/format.h>
 
+#include <nlohmann/json.hpp>
 #include <set>
 
 #include "palpate/common/error.h"
@@ -11,6 +12,7 @@
 #include "palpate/scene/hardware.h"
 #include "palpate/scene/limits.h"
 #include "palpate/scene/read_parts.h"
+#include "palpate/scene/schema.h"
 
 namespace palpate {
 namespace {
@@ -71,8 +73,8 @@ void readDevice(const Value& value, DeviceConfig& device) {
        {"options", [&](const Value& v) { readOptions(v, device); }},
        {"limits", [&](const Value& v) {
           DeviceLimits& limits = device.limits;
-          readLimits(v, limits);
           readLimits(v, device.caps);
+          readLimits(v, limits);
           if (limits.continuous_force <= limits.peak_force) return;
           v.fail(fmt::format("continuous_force {:g} N is above peak_force {:g} N", limits.continuous_force,
                              limits.peak_force));
@@ -120,20 +122,16 @@ class NameRegister {
   std::set<std::string> taken_{"tool"};
 };
 
-/// A number, or `auto`.
 void readSubsteps(const Value& value, SceneConfig& config) {
-  const std::string text = value.isScalar() ? value.text(100) : "";
-  config.substeps_auto = text == "auto";
-  if (config.substeps_auto) return;
-  if (!text.empty() && text.find_first_of("0123456789") == std::string::npos)
-    value.fail(fmt::format("{} is neither auto nor a number", shownText(text)));
-  config.substeps = value.integer(1, kMaxSubsteps);
+  const std::optional<int> substeps = value.integerOr("auto", 1, kMaxSubsteps);
+  config.substeps_auto = !substeps;
+  config.substeps = substeps.value_or(config.substeps);
 }
 
-/// A number, or `auto`.
 void readVisualStep(const Value& value, SceneConfig& config) {
-  config.visual_step_auto = value.isScalar() && value.text(100) == "auto";
-  if (!config.visual_step_auto) config.visual_step = value.number(limits::kVisualStep);
+  const std::optional<double> step = value.numberOr("auto", limits::kVisualStep);
+  config.visual_step_auto = !step;
+  config.visual_step = step.value_or(config.visual_step);
 }
 
 void readLive(const Value& value, LiveSettings& live) {
@@ -210,6 +208,7 @@ std::vector<Field> worldFields(SceneConfig& config, NameRegister& names) {
 }
 
 void readVersion(const Value& value) {
+  if (value.describes()) return static_cast<void>(value.integer(kSchemaVersion, kSchemaVersion));
   const int version = value.integer(0, 1000000);
   if (version != kSchemaVersion)
     value.fail(fmt::format("schema version {} is not known; this program reads version {}", version, kSchemaVersion));
@@ -237,6 +236,14 @@ SceneConfig readSceneFromString(std::string_view text, const std::string& name) 
   if (const auto cause = sizeObjection(config)) throw InputError(name, "", *cause);
   if (const auto cause = methodObjection(config)) throw InputError(name, "method", *cause);
   return config;
+}
+
+nlohmann::ordered_json sceneSchema() {
+  nlohmann::ordered_json schema = Value::schemaOf([](const Value& root) {
+    SceneConfig config;
+    readRoot(root, config);
+  });
+  return finishedSchema(std::move(schema), "Scene of Palpate, version 1");
 }
 
 SceneConfig readScene(const std::filesystem::path& file) {

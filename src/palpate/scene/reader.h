@@ -1,6 +1,7 @@
 #pragma once
 
 #include <filesystem>
+#include <nlohmann/json_fwd.hpp>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -17,6 +18,9 @@ SceneConfig readScene(const std::filesystem::path& file);
 
 /// The same from text, without looking for files. `name` stands for the file in errors.
 SceneConfig readSceneFromString(std::string_view text, const std::string& name);
+
+/// JSON Schema of scenes (schema.h): what the reader takes, apart from what one key means for another.
+nlohmann::ordered_json sceneSchema();
 
 /// Folders below which packages keep their data.
 std::vector<std::filesystem::path> packageDataFolders();

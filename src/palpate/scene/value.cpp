@@ -5,12 +5,37 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
+#include <limits>
+#include <nlohmann/json.hpp>
 #include <numbers>
 
 #include "palpate/common/error.h"
 
 namespace palpate {
 namespace {
+
+/// Leaves a reading function that describes: what it would object to now depends on what is read.
+struct Described {};
+
+constexpr const char* kNamePattern = R"(^(?=.*[^.])[A-Za-z0-9_.-]{1,64}$)";
+
+nlohmann::ordered_json schemaFor(const Range& range) {
+  nlohmann::ordered_json out{{"type", "number"}};
+  out[range.open_low ? "exclusiveMinimum" : "minimum"] = range.low;
+  out[range.open_high ? "exclusiveMaximum" : "maximum"] = range.high;
+  if (*range.unit != '\0') out["description"] = range.unit;
+  return out;
+}
+
+nlohmann::ordered_json schemaForList(const nlohmann::ordered_json& items, std::size_t least, std::size_t most) {
+  return {{"type", "array"}, {"minItems", least}, {"maxItems", most}, {"items", items}};
+}
+
+/// A number in the range.
+double anyOf(const Range& range) {
+  if (range.contains(0.0)) return 0.0;
+  return range.open_low ? range.high : range.low;
+}
 
 std::string joined(const std::vector<std::string>& words) {
   std::string list;
@@ -46,7 +71,42 @@ std::optional<std::string> objection(double value, const Range& range) {
   return std::nullopt;
 }
 
-void Value::fail(const std::string& cause) const { failAt(node_->line, cause); }
+Value::Value(Schema& schema) : schema_(&schema) {
+  static const std::string none;
+  file_ = &none;
+}
+
+nlohmann::ordered_json Value::schemaOf(const std::function<void(const Value&)>& read) {
+  Schema out = Schema::object();
+  try {
+    read(Value(out));
+  } catch (const Described&) {
+  }
+  return out;
+}
+
+template <typename T>
+void Value::noteDefault(const T& value) const {
+  if (schema_ == nullptr) return;
+  if constexpr (std::is_same_v<T, double>) {
+    if (!std::isfinite(value)) return;
+  }
+  if constexpr (std::is_same_v<T, Vec3>) {
+    (*schema_)["default"] = {value.x(), value.y(), value.z()};
+  } else {
+    (*schema_)["default"] = value;
+  }
+}
+template void Value::noteDefault(const double&) const;
+template void Value::noteDefault(const int&) const;
+template void Value::noteDefault(const bool&) const;
+template void Value::noteDefault(const std::string&) const;
+template void Value::noteDefault(const Vec3&) const;
+
+void Value::fail(const std::string& cause) const {
+  if (describes()) throw Described{};
+  failAt(node_->line, cause);
+}
 
 void Value::failAt(int line_number, const std::string& cause) const {
   const std::string line = line_number > 0 ? fmt::format("line {}", line_number) : "";
@@ -79,18 +139,50 @@ double Value::anyNumber() const {
 }
 
 double Value::number(const Range& range) const {
+  if (describes()) {
+    *schema_ = schemaFor(range);
+    return anyOf(range);
+  }
   const double value = anyNumber();
   if (const auto cause = objection(value, range)) fail(*cause);
   return value;
 }
 
 int Value::integer(int low, int high) const {
+  if (describes()) {
+    *schema_ = {{"type", "integer"}, {"minimum", low}, {"maximum", high}};
+    return low;
+  }
   const double value = number(Range::within(low, high, ""));
   if (value != std::floor(value)) fail(fmt::format("{:g} is not a whole number", value));
   return static_cast<int>(value);
 }
 
+std::optional<double> Value::numberOr(const char* word, const Range& range) const {
+  if (describes()) {
+    *schema_ = {{"anyOf", {{{"const", word}}, schemaFor(range)}}};
+    return std::nullopt;
+  }
+  if (isScalar() && node_->scalar == word) return std::nullopt;
+  return number(range);
+}
+
+std::optional<int> Value::integerOr(const char* word, int low, int high) const {
+  if (describes()) {
+    *schema_ = {{"anyOf", {{{"const", word}}, {{"type", "integer"}, {"minimum", low}, {"maximum", high}}}}};
+    return std::nullopt;
+  }
+  if (isScalar() && node_->scalar == word) return std::nullopt;
+  if (isScalar() && !node_->scalar.empty() && node_->scalar.find_first_of("0123456789") == std::string::npos)
+    fail(fmt::format("{} is neither {} nor a number", shownText(node_->scalar), word));
+  return integer(low, high);
+}
+
 std::uint64_t Value::seed() const {
+  if (describes()) {
+    *schema_ = {{"type", "integer"}, {"minimum", 0}, {"maximum", std::numeric_limits<std::uint64_t>::max()}};
+    return 0;
+  }
   const std::string& text = scalar("a whole number");
   std::uint64_t value = 0;
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
@@ -100,9 +192,19 @@ std::uint64_t Value::seed() const {
   return value;
 }
 
-bool Value::boolean() const { return choice({"false", "true"}) == 1; }
+bool Value::boolean() const {
+  if (describes()) {
+    *schema_ = {{"type", "boolean"}};
+    return false;
+  }
+  return choice({"false", "true"}) == 1;
+}
 
 std::string Value::text(std::size_t max_length) const {
+  if (describes()) {  // numbers and words are text too
+    *schema_ = {{"type", {"string", "number", "boolean"}}, {"maxLength", max_length}};
+    return "text";
+  }
   const std::string& text = scalar("text");
   if (text.size() > max_length) fail(fmt::format("is longer than {} characters", max_length));
   if (text.find('\0') != std::string::npos) fail("holds a zero byte");
@@ -121,12 +223,20 @@ void Value::checkName(const std::string& text) const {
 }
 
 std::string Value::name() const {
+  if (describes()) {
+    *schema_ = {{"type", {"string", "number"}}, {"pattern", kNamePattern}};
+    return "name";
+  }
   const std::string& text = scalar("a name");
   checkName(text);
   return text;
 }
 
 std::size_t Value::choice(const std::vector<std::string>& words) const {
+  if (describes()) {
+    *schema_ = {{"enum", words}};
+    return 0;
+  }
   const std::string& text = scalar(("one of " + joined(words)).c_str());
   const auto found = std::find(words.begin(), words.end(), text);
   if (found == words.end()) fail(fmt::format("{} is not one of {}", shownText(text), joined(words)));
@@ -134,13 +244,13 @@ std::size_t Value::choice(const std::vector<std::string>& words) const {
 }
 
 Vec3 Value::vector(const Range& range) const {
-  const std::vector<Value> parts = items(3);
-  if (parts.size() != 3) fail(fmt::format("has {} numbers; it must have 3", parts.size()));
+  const std::vector<Value> parts = exactly(3, "numbers");
   return {parts[0].number(range), parts[1].number(range), parts[2].number(range)};
 }
 
 Vec3 Value::direction() const {
   const Vec3 value = vector(Range::within(-1e6, 1e6, ""));
+  if (describes()) return Vec3::UnitZ();
   const double length = value.norm();
   if (length < 1e-6) fail("is a zero vector; a direction is needed");
   return value / length;
@@ -150,7 +260,29 @@ Vec3 Value::rotation(double max_degrees) const {
   return vector(Range::within(-max_degrees, max_degrees, "degrees")) * (std::numbers::pi / 180.0);
 }
 
+DocumentNode::Pointer Value::any() const {
+  if (describes()) {
+    *schema_ = Schema::object();
+    return std::make_shared<DocumentNode>();
+  }
+  return node_;
+}
+
+std::vector<Value> Value::exactly(std::size_t count, const char* what, const char* which) const {
+  if (describes()) {  // all of one kind
+    *schema_ = schemaForList(Schema::object(), count, count);
+    return std::vector<Value>(count, Value((*schema_)["items"]));
+  }
+  std::vector<Value> values = items(count);
+  if (values.size() != count) fail(fmt::format("has {} {}; it must have {}{}", values.size(), what, count, which));
+  return values;
+}
+
 std::vector<Value> Value::items(std::size_t max_count) const {
+  if (describes()) {
+    *schema_ = schemaForList(Schema::object(), 0, max_count);
+    return {Value((*schema_)["items"])};
+  }
   if (node_->kind != DocumentNode::Kind::sequence) fail("must be a list");
   if (node_->items.size() > max_count)
     fail(fmt::format("has {} entries; at most {} are allowed", node_->items.size(), max_count));
@@ -161,6 +293,13 @@ std::vector<Value> Value::items(std::size_t max_count) const {
 }
 
 std::vector<std::pair<std::string, Value>> Value::namedEntries(std::size_t max_count) const {
+  if (describes()) {
+    *schema_ = {{"type", "object"},
+                {"maxProperties", max_count},
+                {"propertyNames", {{"pattern", kNamePattern}}},
+                {"additionalProperties", Schema::object()}};
+    return {{"name", Value((*schema_)["additionalProperties"])}};
+  }
   if (!isMap()) fail("must be a map of names");
   if (entryCount() > max_count) fail(fmt::format("has {} entries; at most {} are allowed", entryCount(), max_count));
   std::vector<std::pair<std::string, Value>> values;
@@ -186,7 +325,20 @@ void Value::rejectUnknownKeys(const std::vector<std::string>& known) const {
   }
 }
 
+void Value::describeFields(const std::vector<Field>& fields) const {
+  Schema properties = Schema::object(), required = Schema::array();
+  for (const Field& field : fields) {
+    Schema& property = properties[field.key] = schemaOf(field.read);
+    if (!field.required) continue;
+    property.erase("default");
+    required.push_back(field.key);
+  }
+  *schema_ = {{"type", "object"}, {"additionalProperties", false}, {"properties", properties}};
+  if (!required.empty()) (*schema_)["required"] = required;
+}
+
 void Value::fields(const std::vector<Field>& fields) const {
+  if (describes()) return describeFields(fields);
   std::vector<std::string> known;
   for (const Field& field : fields) known.push_back(field.key);
   rejectUnknownKeys(known);
@@ -205,6 +357,13 @@ void Value::oneOf(const std::vector<Field>& choices, const std::vector<Field>& o
   std::vector<std::string> known, names;
   for (const Field& field : all) known.push_back(field.key);
   for (const Field& field : choices) names.push_back(field.key);
+  if (describes()) {
+    std::reverse(all.begin(), all.end());  // so that the first choice is what stays read
+    describeFields(all);
+    Schema& one = (*schema_)["oneOf"] = Schema::array();
+    for (const std::string& name : names) one.push_back({{"required", {name}}});
+    return;
+  }
   rejectUnknownKeys(known);
   const auto present =
       std::count_if(names.begin(), names.end(), [&](const std::string& key) { return find(key) != nullptr; });

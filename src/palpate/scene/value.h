@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <functional>
 #include <limits>
+#include <nlohmann/json_fwd.hpp>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -45,20 +46,34 @@ struct Field {
 
 /// A value of a scene file together with its place, so that whatever is wrong with it can be said in one line. Every
 /// reading function throws InputError (file, "key.path (line N)", cause).
+///
+/// The functions that read a file describe it too, so that its JSON Schema cannot differ from what is read: a value that
+/// describes has no node, and each reading function notes in a schema what it takes and returns something of that kind.
 class Value {
  public:
   Value(const std::string& file, std::string key, DocumentNode::Pointer node)
       : file_(&file), key_(std::move(key)), node_(std::move(node)) {}
 
+  /// The JSON Schema of what `read` reads.
+  static nlohmann::ordered_json schemaOf(const std::function<void(const Value&)>& read);
+  /// Whether it describes: what a key means for another is not to be looked at then.
+  bool describes() const { return schema_ != nullptr; }
+  /// Notes what the value is where the file has none.
+  template <typename T>
+  void noteDefault(const T& value) const;
+
   [[noreturn]] void fail(const std::string& cause) const;
 
-  bool isMap() const { return node_->kind == DocumentNode::Kind::map; }
-  bool isScalar() const { return node_->kind == DocumentNode::Kind::scalar; }
-  bool isNull() const { return node_->kind == DocumentNode::Kind::null; }
-  std::size_t entryCount() const { return node_->entries.size(); }
+  bool isMap() const { return is(DocumentNode::Kind::map); }
+  bool isScalar() const { return is(DocumentNode::Kind::scalar); }
+  bool isNull() const { return is(DocumentNode::Kind::null); }
+  std::size_t entryCount() const { return node_ ? node_->entries.size() : 0; }
 
   double number(const Range& range) const;
   int integer(int low, int high) const;
+  /// None where the word stands in its place.
+  std::optional<double> numberOr(const char* word, const Range& range) const;
+  std::optional<int> integerOr(const char* word, int low, int high) const;
   std::uint64_t seed() const;
   bool boolean() const;
   std::string text(std::size_t max_length) const;
@@ -73,8 +88,13 @@ class Value {
   /// Rotation vector in degrees, returned in rad.
   Vec3 rotation(double max_degrees) const;
 
+  /// Whatever it is.
+  DocumentNode::Pointer any() const;
+
   /// Items of a sequence of at most max_count.
   std::vector<Value> items(std::size_t max_count) const;
+  /// Items of a sequence of `count`, such as "numbers"; more of them are said by `which`.
+  std::vector<Value> exactly(std::size_t count, const char* what, const char* which = "") const;
   /// Keys, which must be names, and values of a map of at most max_count.
   std::vector<std::pair<std::string, Value>> namedEntries(std::size_t max_count) const;
   /// Reads a map: every key by its field, in the order of `fields`. Keys without a field and required fields without a
@@ -84,6 +104,10 @@ class Value {
   void oneOf(const std::vector<Field>& choices, const std::vector<Field>& others = {}) const;
 
  private:
+  using Schema = nlohmann::ordered_json;
+  explicit Value(Schema& schema);
+  bool is(DocumentNode::Kind kind) const { return node_ && node_->kind == kind; }
+  void describeFields(const std::vector<Field>& fields) const;
   Value child(const std::string& key, DocumentNode::Pointer node) const;
   [[noreturn]] void failAt(int line_number, const std::string& cause) const;
   double anyNumber() const;
@@ -95,28 +119,37 @@ class Value {
   const std::string* file_;
   std::string key_;
   DocumentNode::Pointer node_;
+  Schema* schema_ = nullptr;  // of a value that describes
 };
 
-// Fields that put a checked value into a variable.
+// Fields that put a checked value into a variable, which holds what it is by default.
 
 inline Field required(Field field) {
   field.required = true;
   return field;
 }
+template <typename T, typename Read>
+Field fieldInto(const char* key, T& target, Read read) {
+  return {key, [&target, read](const Value& value) {
+            const T before = target;
+            target = read(value);
+            value.noteDefault(before);
+          }};
+}
 inline Field numberField(const char* key, double& target, const Range& range) {
-  return {key, [&target, range](const Value& value) { target = value.number(range); }};
+  return fieldInto(key, target, [range](const Value& value) { return value.number(range); });
 }
 inline Field numberField(const char* key, std::optional<double>& target, const Range& range) {
   return {key, [&target, range](const Value& value) { target = value.number(range); }};
 }
 inline Field integerField(const char* key, int& target, int low, int high) {
-  return {key, [&target, low, high](const Value& value) { target = value.integer(low, high); }};
+  return fieldInto(key, target, [low, high](const Value& value) { return value.integer(low, high); });
 }
 inline Field booleanField(const char* key, bool& target) {
-  return {key, [&target](const Value& value) { target = value.boolean(); }};
+  return fieldInto(key, target, [](const Value& value) { return value.boolean(); });
 }
 inline Field vectorField(const char* key, Vec3& target, const Range& range) {
-  return {key, [&target, range](const Value& value) { target = value.vector(range); }};
+  return fieldInto(key, target, [range](const Value& value) { return value.vector(range); });
 }
 inline Field directionField(const char* key, Vec3& target) {
   return {key, [&target](const Value& value) { target = value.direction(); }};

@@ -1,5 +1,6 @@
 #include "palpate/study/side_by_side.h"
 
+#include <algorithm>
 #include <atomic>
 #include <thread>
 #include <utility>
@@ -9,7 +10,7 @@
 namespace palpate {
 namespace {
 
-constexpr int kThreads = 2;
+constexpr int kMostThreads = 2;
 
 }  // namespace
 
@@ -30,9 +31,11 @@ void SideBySide::run(const Progress& progress) {
       }
     }
   };
+  const Executor* executor = Executor::current();
+  const int at_once = executor == nullptr ? kMostThreads : std::min(kMostThreads, executor->threads());
   const ExecutorScope alone(nullptr);  // runs side by side need no help within
   std::vector<std::thread> threads;
-  for (int k = 1; k < kThreads; ++k) threads.emplace_back(worker);
+  for (int k = 1; k < at_once; ++k) threads.emplace_back(worker);
   worker();
   for (std::thread& t : threads) t.join();
   for (const Job& job : jobs_) {

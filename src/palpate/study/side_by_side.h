@@ -7,7 +7,8 @@
 
 namespace palpate {
 
-/// Jobs that do not depend on each other, and the cost of each for the progress shown; two run at a time.
+/// Jobs that do not depend on each other, and the cost of each for the progress shown; two run at a time, or one where
+/// the calling thread's executor has no more threads.
 class SideBySide {
  public:
   using Progress = std::function<void(double)>;  ///< takes the share done, 0 to 1
