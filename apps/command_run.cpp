@@ -33,6 +33,7 @@ struct RunOptions {
   std::string compare;
   bool realtime = false;
   int pictures = 6;
+  std::string tables = "csv";
 };
 
 // The scene with another method; a name that is none is blamed on the option that gave it.
@@ -130,7 +131,9 @@ void run(RunOptions options) {
   for (const std::string& note : scene.notes) fmt::print(stderr, "note: {}\n", note);
   const std::string out = options.out.empty() ? "out/" + config.name : options.out;
   const InterruptionAsks asks;  // from here on there is something to be kept
-  RunFiles files(out, config);
+  RunFilesSettings kept;
+  if (options.tables == "hdf5") kept.tables = RunTables::hdf5;
+  RunFiles files(out, config, kept);
   RunSink sink = files.sink();
   MotionRecording motion;
   motion.has_twist = true;
@@ -174,6 +177,11 @@ void addRunCommand(CLI::App& app) {
   command
       ->add_option("--pictures", options->pictures, "Pictures of the run in lockstep, evenly spaced in time; 0: none")
       ->check(CLI::Range(0, kMostPictures))
+      ->capture_default_str();
+  command
+      ->add_option("--table-format", options->tables,
+                   "Rows of ticks and of visual steps as haptic.csv and visual.csv, or as haptic.h5 and visual.h5")
+      ->check(CLI::IsMember({"csv", "hdf5"}))
       ->capture_default_str();
   command->add_option("--out", options->out, "Folder for the files; default out/NAME of the scene")
       ->check(kNotEmpty)

@@ -42,5 +42,7 @@ void addReplayCommand(CLI::App& app);
 void addExportCommand(CLI::App& app);
 void addLatencyCommand(CLI::App& app);
 void addSoakCommand(CLI::App& app);
+void addStudyCommand(CLI::App& app);
+void addSchemaCommand(CLI::App& app);
 
 }  // namespace palpate

@@ -60,6 +60,8 @@ int main(int argc, char** argv) {
   palpate::addDevicesCommand(app);
   palpate::addLatencyCommand(app);
   palpate::addSoakCommand(app);
+  palpate::addStudyCommand(app);
+  palpate::addSchemaCommand(app);
   // CLI11 would only say that a subcommand is required
   const auto known = app.get_subcommands([](const CLI::App*) { return true; });
   if (argc > 1 && argv[1][0] != '-' &&

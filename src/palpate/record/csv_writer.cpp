@@ -38,7 +38,7 @@ CsvWriter::CsvWriter(std::filesystem::path path, const std::vector<std::string>&
   if (!file_) throw InputError(path_.string(), "", std::string("cannot be written: ") + std::strerror(errno));
   std::setvbuf(file_, nullptr, _IONBF, 0);  // buffer_ is the buffer
   buffer_.reserve(kFlushBytes + 4096);
-  for (const std::string& column : columns) cell(std::string_view(column));
+  for (const std::string& column : columns) put(std::string_view(column));
   endRow();
 }
 
@@ -46,33 +46,25 @@ CsvWriter::~CsvWriter() {
   if (file_) std::fclose(file_);
 }
 
-void CsvWriter::row(std::span<const double> values) {
-  for (const double value : values) cell(value);
-  endRow();
-}
-
-CsvWriter& CsvWriter::cell(double value) {
+void CsvWriter::put(double value) {
   separate();
   append(buffer_, value);
-  return *this;
 }
 
-CsvWriter& CsvWriter::cell(std::string_view value) {
+void CsvWriter::put(std::string_view value) {
   separate();
   if (value.find_first_of(",\"\r\n") == std::string_view::npos) {
     buffer_ += value;
-    return *this;
+    return;
   }
   buffer_ += '"';
   for (const char c : value) buffer_.append(c == '"' ? 2 : 1, c);
   buffer_ += '"';
-  return *this;
 }
 
-CsvWriter& CsvWriter::integer(std::int64_t value) {
+void CsvWriter::put(std::int64_t value) {
   separate();
   append(buffer_, value);
-  return *this;
 }
 
 void CsvWriter::endRow() {

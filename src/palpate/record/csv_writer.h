@@ -1,14 +1,14 @@
 #pragma once
 
-#include <concepts>
 #include <cstddef>
 #include <cstdint>
 #include <cstdio>
 #include <filesystem>
-#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
+
+#include "palpate/record/table_writer.h"
 
 namespace palpate {
 
@@ -18,34 +18,23 @@ namespace palpate {
 /// Opening throws InputError, a failed write (full disk) RunError naming the file: the file then ends with a whole row,
 /// and what is missing waits for the next try. A row with the wrong number of cells is a mistake of the program:
 /// std::logic_error.
-class CsvWriter {
+class CsvWriter : public TableWriter {
  public:
   /// @param path     file to write, in general OutputFolder::stage(name)
   /// @param columns  header; units belong into the names
   CsvWriter(std::filesystem::path path, const std::vector<std::string>& columns);
   /// Closes without checking; an unclosed file is one that a failed job left behind.
-  ~CsvWriter();
-  CsvWriter(const CsvWriter&) = delete;
-  CsvWriter& operator=(const CsvWriter&) = delete;
+  ~CsvWriter() override;
 
-  /// A whole row of numbers.
-  void row(std::span<const double> values);
-
-  CsvWriter& cell(double value);
-  CsvWriter& cell(std::string_view value);  ///< quoted where commas, quotes or line ends need it
-  CsvWriter& cell(const char* value) { return cell(std::string_view(value)); }
-  template <std::integral T>
-  CsvWriter& cell(T value) {
-    return integer(static_cast<std::int64_t>(value));
-  }
-  void endRow();
-
+  void endRow() override;
   /// Writes the rows so far.
-  void flush();
-  void close();
+  void flush() override;
+  void close() override;
 
  private:
-  CsvWriter& integer(std::int64_t value);
+  void put(double value) override;
+  void put(std::string_view value) override;  // quoted where commas, quotes or line ends need it
+  void put(std::int64_t value) override;
   void separate();
   void keepWholeRows(std::size_t written);
 

@@ -13,6 +13,7 @@
 
 #include "palpate/devices/motion_recording.h"
 #include "palpate/record/csv_writer.h"
+#include "palpate/record/hdf5_writer.h"
 #include "palpate/record/json_file.h"
 #include "palpate/record/output_folder.h"
 #include "palpate/record/report.h"
@@ -74,12 +75,39 @@ const std::vector<std::string> kTimingColumns{"time_s",       "step_ms",        
                                               "factorize_ms", "solve_ms",         "contact_ms",
                                               "advance_ms",   "linearization_ms", "lateness_ms"};
 
-void addPose(CsvWriter& csv, const Pose& pose) {
+/// Of nobody's interest.
+class NoTable : public TableWriter {
+ public:
+  void endRow() override {}
+  void flush() override {}
+  void close() override {}
+
+ private:
+  void put(double) override {}
+  void put(std::string_view) override {}
+  void put(std::int64_t) override {}
+};
+
+/// NAME.csv or NAME.h5 in the folder.
+std::unique_ptr<TableWriter> tableFor(OutputFolder& folder, const std::string& name, RunTables tables,
+                                      const std::vector<std::string>& columns) {
+  switch (tables) {
+    case RunTables::csv:
+      return std::make_unique<CsvWriter>(folder.stage(name + ".csv"), columns);
+    case RunTables::hdf5:
+      return std::make_unique<Hdf5Writer>(folder.stage(name + ".h5"), columns);
+    case RunTables::none:
+      break;
+  }
+  return std::make_unique<NoTable>();
+}
+
+void addPose(TableWriter& csv, const Pose& pose) {
   for (int k = 0; k < 3; ++k) csv.cell(pose.position[k]);
   csv.cell(pose.rotation.w()).cell(pose.rotation.x()).cell(pose.rotation.y()).cell(pose.rotation.z());
 }
 
-void addVector(CsvWriter& csv, const Vec6& v) {
+void addVector(TableWriter& csv, const Vec6& v) {
   for (int k = 0; k < 6; ++k) csv.cell(v[k]);
 }
 
@@ -126,14 +154,17 @@ std::string plain(std::initializer_list<double> values) {
 }  // namespace
 
 struct RunFiles::Impl {
-  Impl(const std::filesystem::path& path, const SceneConfig& scene_config)
+  Impl(const std::filesystem::path& path, const SceneConfig& scene_config, const RunFilesSettings& run_settings)
       : config(scene_config),
+        settings(run_settings),
         folder(path),
         reserve(path / fmt::format(".reserve.partial-{}", ::getpid()), kReserve),
-        haptic(folder.stage("haptic.csv"), kHapticColumns),
-        motion(folder.stage("motion.csv"), kMotionColumns),
-        visual(folder.stage("visual.csv"), kVisualColumns),
-        timing(folder.stage("timing.csv"), kTimingColumns) {}
+        haptic(tableFor(folder, "haptic", settings.tables, kHapticColumns)),
+        motion(tableFor(folder, "motion", besides(), kMotionColumns)),
+        visual(tableFor(folder, "visual", settings.tables, kVisualColumns)),
+        timing(tableFor(folder, "timing", besides(), kTimingColumns)) {}
+
+  RunTables besides() const { return settings.tables == RunTables::none ? RunTables::none : RunTables::csv; }
 
   // What cannot be written ends the recording, and nothing else.
   template <class Write>
@@ -150,8 +181,10 @@ struct RunFiles::Impl {
 
   // So that no more than half a second of a run in real time is lost, whatever happens.
   void flush() {
-    for (CsvWriter* csv : {&haptic, &motion, &visual, &timing}) attempt([csv] { csv->flush(); });
+    for (TableWriter* table : tables()) attempt([table] { table->flush(); });
   }
+
+  std::array<TableWriter*, 4> tables() const { return {haptic.get(), motion.get(), visual.get(), timing.get()}; }
 
   void tick(const TickRecord& r) {
     if (!failure.empty()) return;
@@ -162,21 +195,21 @@ struct RunFiles::Impl {
   }
 
   void writeMotion(const TickRecord& r) {
-    motion.cell(r.time);
-    addPose(motion, r.device.pose);
-    addVector(motion, r.device.twist);
-    motion.cell(r.device.buttons);
-    motion.endRow();
+    motion->cell(r.time);
+    addPose(*motion, r.device.pose);
+    addVector(*motion, r.device.twist);
+    motion->cell(r.device.buttons);
+    motion->endRow();
   }
 
   void writeHaptic(const TickRecord& r) {
-    haptic.cell(r.time);
-    addPose(haptic, r.device.pose);
-    addPose(haptic, r.proxy);
-    addVector(haptic, r.raw);
-    addVector(haptic, r.sent);
-    haptic.cell(r.model_age).cell(r.flags.bits());
-    haptic.endRow();
+    haptic->cell(r.time);
+    addPose(*haptic, r.device.pose);
+    addPose(*haptic, r.proxy);
+    addVector(*haptic, r.raw);
+    addVector(*haptic, r.sent);
+    haptic->cell(r.model_age).cell(r.flags.bits());
+    haptic->endRow();
   }
 
   void tally(const TickRecord& r) {
@@ -207,30 +240,30 @@ struct RunFiles::Impl {
   }
 
   void writeVisual(const VisualRecord& r) {
-    visual.cell(r.time);
-    addPose(visual, r.model.handle_pose);
-    addVector(visual, r.model.force);
-    visual.cell(r.step.contacts_found)
+    visual->cell(r.time);
+    addPose(*visual, r.model.handle_pose);
+    addVector(*visual, r.model.force);
+    visual->cell(r.step.contacts_found)
         .cell(r.step.contacts)
         .cell(r.step.active)
         .cell(r.step.sticking)
         .cell(r.step.sliding);
-    visual.cell(r.step.penetration).cell(r.step.solver_iterations).cell(r.step.solver_residual).cell(r.step.passes);
-    visual.cell(r.step.kinetic_energy).cell(r.step.elastic_energy).cell(statusName(r.step.status));
-    visual.cell(r.step.motion_share).cell(r.step.redone).cell(r.step.converged ? 1 : 0).cell(r.step.energy_made);
-    visual.cell(r.step.energy_corrected);
-    visual.endRow();
+    visual->cell(r.step.penetration).cell(r.step.solver_iterations).cell(r.step.solver_residual).cell(r.step.passes);
+    visual->cell(r.step.kinetic_energy).cell(r.step.elastic_energy).cell(statusName(r.step.status));
+    visual->cell(r.step.motion_share).cell(r.step.redone).cell(r.step.converged ? 1 : 0).cell(r.step.energy_made);
+    visual->cell(r.step.energy_corrected);
+    visual->endRow();
   }
 
   static double totalOf(const VisualRecord& r) { return r.step.times.total() + r.linearization_s; }
 
   void writeTiming(const VisualRecord& r) {
-    timing.cell(r.time);
+    timing->cell(r.time);
     for (const double s : {totalOf(r), r.step.times.assemble, r.step.times.factorize, r.step.times.solve,
                            r.step.times.contact, r.step.times.advance, r.linearization_s, r.lateness_s}) {
-      timing.cell(1e3 * s);
+      timing->cell(1e3 * s);
     }
-    timing.endRow();
+    timing->endRow();
   }
 
   void tally(const VisualRecord& r) {
@@ -279,7 +312,7 @@ struct RunFiles::Impl {
   }
 
   void writeAttachments() {
-    if (attachment_rows.empty()) return;
+    if (attachment_rows.empty() || settings.tables == RunTables::none) return;
     CsvWriter csv(folder.stage("attachments.csv"), kAttachmentColumns);
     for (const AttachmentRow& row : attachment_rows) {
       csv.cell(row.time).cell(attached[row.attachment].body.c_str()).cell(attached[row.attachment].name.c_str());
@@ -462,7 +495,7 @@ struct RunFiles::Impl {
 
   void closeTables() {
     reserve.release();
-    for (CsvWriter* csv : {&haptic, &motion, &visual, &timing}) attempt([csv] { csv->close(); });
+    for (TableWriter* table : tables()) attempt([table] { table->close(); });
     if (!attempt([this] { writeAttachments(); })) folder.unstage("attachments.csv");
   }
 
@@ -552,9 +585,11 @@ struct RunFiles::Impl {
   // The summary first, as it is short: where the disk is full, the report may not fit.
   void writeSummaryAndReport(const BuiltScene& scene, RunOutcome outcome, const Comparison* comparison,
                              const RunPictures& pictures) {
-    const auto report_file = folder.stage("report.html"), summary_file = folder.stage("summary.json");
+    const auto report_file = settings.page ? folder.stage("report.html") : std::filesystem::path();
+    const auto summary_file = folder.stage("summary.json");
     if (outcome.failure.empty()) outcome.failure = failure;
     if (!attempt([&] { writeJson(summary_file, summary(scene, outcome)); })) dropOutput("summary.json");
+    if (!settings.page) return;
     if (!attempt([&] { writeReport(report_file, report(comparison, pictures)); })) dropOutput("report.html");
   }
 
@@ -582,6 +617,10 @@ struct RunFiles::Impl {
     addStepPlots(page.plots);
     page.footer =
         "Written by palpate run. The numbers behind the plots: haptic.csv, visual.csv, timing.csv, summary.json.";
+    if (settings.tables == RunTables::hdf5) {
+      page.footer =
+          "Written by palpate run. The numbers behind the plots: haptic.h5, visual.h5, timing.csv, summary.json.";
+    }
     return page;
   }
 
@@ -640,6 +679,17 @@ struct RunFiles::Impl {
     if (pictures.sheet.empty()) std::filesystem::remove(folder.path() / "pictures.png", ignored);
   }
 
+  // Those of an earlier run that kept its rows in another form.
+  void removeOldTables() const {
+    std::error_code ignored;
+    for (const char* name : {"haptic", "visual"}) {
+      if (settings.tables != RunTables::csv)
+        std::filesystem::remove(folder.path() / fmt::format("{}.csv", name), ignored);
+      if (settings.tables != RunTables::hdf5)
+        std::filesystem::remove(folder.path() / fmt::format("{}.h5", name), ignored);
+    }
+  }
+
   Plot comparisonPlot(const Comparison& other) const {
     Plot plot;
     plot.title = fmt::format("Size of the force: {} beside {}", toString(config.method), other.method);
@@ -675,10 +725,11 @@ struct RunFiles::Impl {
   };
 
   SceneConfig config;
+  RunFilesSettings settings;
   OutputFolder folder;
   SpaceReserve reserve;
   std::string failure;
-  CsvWriter haptic, motion, visual, timing;
+  std::unique_ptr<TableWriter> haptic, motion, visual, timing;
   std::int64_t ticks = 0;
   std::int64_t plot_stride = 1;
   double peak_force = 0, force_squares = 0, max_residual = 0;
@@ -696,14 +747,19 @@ struct RunFiles::Impl {
   std::vector<AttachmentRow> attachment_rows;
 };
 
-RunFiles::RunFiles(const std::filesystem::path& folder, const SceneConfig& config)
-    : impl_(std::make_unique<Impl>(folder, config)) {
+RunFiles::RunFiles(const std::filesystem::path& folder, const SceneConfig& config, const RunFilesSettings& settings)
+    : impl_(std::make_unique<Impl>(folder, config, settings)) {
   constexpr double kPlotRows = 40000;
   impl_->plot_stride =
       std::max<std::int64_t>(1, static_cast<std::int64_t>(std::ceil(config.duration / config.haptic_step / kPlotRows)));
 }
 
 RunFiles::~RunFiles() = default;
+
+const std::vector<std::string>& runTablesNames() {
+  static const std::vector<std::string> names{"csv", "hdf5", "none"};
+  return names;
+}
 
 std::filesystem::path RunFiles::stage(const std::string& name) { return impl_->folder.stage(name); }
 
@@ -726,6 +782,7 @@ void RunFiles::finish(const BuiltScene& scene, const RunOutcome& outcome, const 
   i.writeSummaryAndReport(scene, outcome, comparison, pictures);
   i.folder.commit();
   i.removeOldPictures(pictures);
+  i.removeOldTables();
 }
 
 std::string RunFiles::table(bool color) const {

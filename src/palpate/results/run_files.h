@@ -19,6 +19,16 @@ struct Comparison {
   std::vector<Vec6> raw;     ///< wrench on the device [N; N m]
 };
 
+/// As what the rows of ticks and visual steps are kept: HDF5 for long runs; motion and times are CSV then too.
+enum class RunTables { csv, hdf5, none };
+/// csv, hdf5, none.
+const std::vector<std::string>& runTablesNames();
+
+struct RunFilesSettings {
+  RunTables tables = RunTables::csv;
+  bool page = true;  ///< report.html
+};
+
 /// Writes the files of a run (docs/files.md): haptic.csv, motion.csv, visual.csv, timing.csv, summary.json,
 /// report.html, and with pictures picture-1.png, ... and pictures.png. Where a file cannot be written any more (full
 /// disk) nothing more is recorded, failure() says why, and finish() keeps what there is, to the last whole row; some
@@ -26,7 +36,7 @@ struct Comparison {
 class RunFiles {
  public:
   /// @throws InputError if the folder cannot be written
-  RunFiles(const std::filesystem::path& folder, const SceneConfig& config);
+  RunFiles(const std::filesystem::path& folder, const SceneConfig& config, const RunFilesSettings& settings = {});
   ~RunFiles();
 
   /// Does not throw.

@@ -229,8 +229,12 @@ void readRoot(const Value& root, SceneConfig& config) {
 }  // namespace
 
 SceneConfig readSceneFromString(std::string_view text, const std::string& name) {
+  return readSceneFromDocument(parseDocument(text, name), name);
+}
+
+SceneConfig readSceneFromDocument(DocumentNode::Pointer document, const std::string& name) {
   SceneConfig config;
-  config.source = parseDocument(text, name);
+  config.source = std::move(document);
   readRoot(Value(name, "", config.source), config);
   if (const auto cause = timingObjection(config)) throw InputError(name, "visual.step", *cause);
   if (const auto cause = sizeObjection(config)) throw InputError(name, "", *cause);

@@ -19,6 +19,9 @@ SceneConfig readScene(const std::filesystem::path& file);
 /// The same from text, without looking for files. `name` stands for the file in errors.
 SceneConfig readSceneFromString(std::string_view text, const std::string& name);
 
+/// The same from what has been parsed (document.h).
+SceneConfig readSceneFromDocument(std::shared_ptr<const DocumentNode> document, const std::string& name);
+
 /// JSON Schema of scenes (schema.h): what the reader takes, apart from what one key means for another.
 nlohmann::ordered_json sceneSchema();
 

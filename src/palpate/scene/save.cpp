@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cctype>
+#include <stdexcept>
 #include <vector>
 
 #include "palpate/common/error.h"
@@ -17,6 +18,7 @@ namespace {
 using Kind = DocumentNode::Kind;
 using Pointer = DocumentNode::Pointer;
 using Path = std::vector<std::string>;
+using PlaceFile = std::function<std::string(const std::string& file)>;
 
 constexpr int kDeepest = 64;  // an alias may lead deeper than a document goes
 
@@ -150,19 +152,19 @@ Pointer with(const Pointer& node, const Path& path, std::size_t at, const Pointe
   return copy;
 }
 
-/// Every relative file's name, made absolute. A name with a package, or in a map of names, is none.
-Pointer located(const Pointer& node, const std::filesystem::path& folder, int depth) {
+/// Every file's name, as `place` has it. A name with a package, or in a map of names, is none.
+Pointer located(const Pointer& node, const PlaceFile& place, int depth) {
   if (depth > kDeepest || (node->items.empty() && node->entries.empty())) return node;
   auto copy = std::make_shared<DocumentNode>(*node);
-  for (Pointer& item : copy->items) item = located(item, folder, depth + 1);
+  for (Pointer& item : copy->items) item = located(item, place, depth + 1);
   const bool packaged = std::any_of(copy->entries.begin(), copy->entries.end(),
                                     [](const DocumentNode::Entry& e) { return e.key == "package"; });
   for (DocumentNode::Entry& entry : copy->entries) {
     const bool names_file = (entry.key == "file" && !packaged) || entry.key == "tetrahedra_file";
     if (names_file && entry.value->kind == Kind::scalar) {
-      entry.value = scalar((folder / entry.value->scalar).lexically_normal().string());
+      entry.value = scalar(place(entry.value->scalar));
     } else {
-      entry.value = located(entry.value, folder, depth + 1);
+      entry.value = located(entry.value, place, depth + 1);
     }
   }
   return copy;
@@ -247,24 +249,80 @@ void setFriction(Editor& out, const SceneConfig& config, double factor) {
 
 }  // namespace
 
-std::string sceneText(const SceneConfig& config, const SceneFactors& factors, SavedFiles files) {
+namespace {
+
+std::string textOf(const SceneConfig& config, const SceneFactors& factors, const PlaceFile& place) {
   const std::string name = config.name + ".yaml";
   if (!config.source) throw InputError(name, "", "was made by a program and not read from a file: it cannot be saved");
   const Writer writer(name);
   const SceneConfig before = readSceneFromString(writer.document(*config.source), name);
   Editor out(config.source);
-  if (files == SavedFiles::absolute) {
-    const std::filesystem::path here = std::filesystem::current_path();
-    out.set({}, located(out.root(), (here / config.file).parent_path(), 0));
-  }
   setRun(out, config, before);
   setDevice(out, config.device, before.device);
+  if (place) out.set({}, located(out.root(), place, 0));
   if (factors.stiffness != 1.0) setStiffness(out, config, factors.stiffness);
   if (factors.friction != 1.0) setFriction(out, config, factors.friction);
   std::string text = writer.document(*out.root());
   const SceneConfig again = readSceneFromString(text, name);
   if (!same(*again.source, *out.root())) throw InputError(name, "", "holds text that cannot be written as YAML");
   return text;
+}
+
+std::filesystem::path folderOf(const SceneConfig& config) {
+  return (std::filesystem::current_path() / config.file).parent_path();
+}
+
+/// Of no line: it stands in no file.
+Pointer placeless(const Pointer& node) {
+  auto copy = std::make_shared<DocumentNode>(*node);
+  copy->line = 0;
+  for (Pointer& item : copy->items) item = placeless(item);
+  for (DocumentNode::Entry& entry : copy->entries) entry = {entry.key, 0, placeless(entry.value)};
+  return copy;
+}
+
+Path pathOf(const std::string& keys) {
+  Path path{""};
+  for (const char c : keys) {
+    if (c == '.') {
+      path.emplace_back();
+    } else {
+      path.back() += c;
+    }
+  }
+  return path;
+}
+
+}  // namespace
+
+std::string sceneText(const SceneConfig& config, const SceneFactors& factors, SavedFiles files) {
+  if (files == SavedFiles::as_named) return textOf(config, factors, {});
+  const std::filesystem::path folder = folderOf(config);
+  return textOf(config, factors, [&](const std::string& file) { return (folder / file).lexically_normal().string(); });
+}
+
+std::string sceneTextWithFiles(const SceneConfig& config,
+                               const std::function<std::string(const std::filesystem::path&)>& name) {
+  const std::filesystem::path folder = folderOf(config);
+  return textOf(config, {}, [&](const std::string& file) { return name((folder / file).lexically_normal()); });
+}
+
+Pointer scalarNode(const std::string& text) { return scalar(text); }
+
+SceneConfig editedScene(const SceneConfig& config, const std::vector<SceneEdit>& edits) {
+  const std::string file = config.file.string();
+  Editor out(config.source);
+  for (const SceneEdit& edit : edits) {
+    try {
+      out.set(pathOf(edit.key), placeless(edit.value));
+    } catch (const std::logic_error&) {  // of std::stoul() and at()
+      throw InputError(file, edit.key, "leads into a list, where it must have the number of an entry, from 0");
+    }
+  }
+  SceneConfig edited = readSceneFromDocument(out.root(), file);
+  edited.file = config.file;
+  resolveFiles(edited);
+  return edited;
 }
 
 }  // namespace palpate

@@ -1,8 +1,12 @@
 #pragma once
 
+#include <filesystem>
+#include <functional>
 #include <string>
+#include <vector>
 
 #include "palpate/scene/config.h"
+#include "palpate/scene/document.h"
 
 namespace palpate {
 
@@ -24,5 +28,23 @@ enum class SavedFiles {
 ///         leads beyond a limit, or it is longer than a document may be
 std::string sceneText(const SceneConfig& config, const SceneFactors& factors = {},
                       SavedFiles files = SavedFiles::absolute);
+
+/// The same, with files called as `name` says; it is given the absolute path of each, which may be named more than
+/// once.
+std::string sceneTextWithFiles(const SceneConfig& config,
+                               const std::function<std::string(const std::filesystem::path&)>& name);
+
+/// A value for a key: names of keys and numbers of list entries (from 0), with dots between them:
+/// "tool.material.density", "bodies.0.friction".
+struct SceneEdit {
+  std::string key;
+  DocumentNode::Pointer value;
+};
+
+DocumentNode::Pointer scalarNode(const std::string& text);
+
+/// The scene that its file would be with these values, which are read as strictly. Overrides are lost.
+/// @throws InputError (the scene's file, key, cause)
+SceneConfig editedScene(const SceneConfig& config, const std::vector<SceneEdit>& edits);
 
 }  // namespace palpate

@@ -68,8 +68,8 @@ SceneConfig inHand(SceneConfig config, const HandStiffness& hand) {
 
 }  // namespace
 
-HandStiffness handFrom(const std::string& text) {
-  if (text == "none") return {0, 0};
+std::optional<HandStiffness> parseHand(const std::string& text) {
+  if (text == "none") return HandStiffness{0, 0};
   HandStiffness hand;
   const char* const end = text.data() + text.size();
   const auto first = std::from_chars(text.data(), end, hand.stiffness);
@@ -79,11 +79,14 @@ HandStiffness handFrom(const std::string& text) {
     good = second.ec == std::errc() && second.ptr == end;
   }
   const auto fine = [](double x) { return x >= 0 && x <= kLargest; };
-  if (!good || !fine(hand.stiffness) || !fine(hand.damping)) {
-    throw InputError("--hands", "",
-                     fmt::format("{} is no hand: STIFFNESS/DAMPING in N/m and N s/m, or none", shownText(text)));
-  }
+  if (!good || !fine(hand.stiffness) || !fine(hand.damping)) return std::nullopt;
   return hand;
+}
+
+HandStiffness handFrom(const std::string& text) {
+  if (const auto hand = parseHand(text)) return *hand;
+  throw InputError("--hands", "",
+                   fmt::format("{} is no hand: STIFFNESS/DAMPING in N/m and N s/m, or none", shownText(text)));
 }
 
 std::string toString(const HandStiffness& hand) {

@@ -2,6 +2,7 @@
 
 #include <functional>
 #include <nlohmann/json_fwd.hpp>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -52,7 +53,9 @@ HandStudy evaluateHands(
     const SceneStudy& given, const StudySettings& study, const HandsSettings& settings,
     const std::function<void(double)>& progress = [](double) {});
 
-/// "500/8" in N/m and N s/m, or "none". @throws InputError naming the option
+/// "500/8" in N/m and N s/m, or "none"; nothing for what is no hand.
+std::optional<HandStiffness> parseHand(const std::string& text);
+/// The same. @throws InputError naming the option
 HandStiffness handFrom(const std::string& text);
 std::string toString(const HandStiffness& hand);
 

@@ -31,35 +31,36 @@ StressSettings stressSettingsOf(const SceneConfig& config) {
   return out;
 }
 
-void writeRides(const std::filesystem::path& path, const std::vector<StressRide>& rides) {
-  CsvWriter csv(path, {"seed",
-                       "failed",
-                       "steps",
-                       "deepest_penetration_rel",
-                       "wrong_side",
-                       "self_intersections",
-                       "inverted",
-                       "restless",
-                       "steps_crossed",
-                       "steps_passed",
-                       "steps_folded",
-                       "nan",
-                       "frozen",
-                       "cut",
-                       "cut_twice",
-                       "least_share",
-                       "redone",
-                       "not_converged",
-                       "restored",
-                       "energy_made_J",
-                       "largest_energy_made_J",
-                       "max_energy_J",
-                       "judge",
-                       "came_back",
-                       "handle_off_m",
-                       "tool_energy_J",
-                       "energy_off_J",
-                       "max_step_ms"});
+void writeRides(const std::filesystem::path& path, const std::vector<StressRide>& rides, bool with_times) {
+  std::vector<std::string> columns{"seed",
+                                   "failed",
+                                   "steps",
+                                   "deepest_penetration_rel",
+                                   "wrong_side",
+                                   "self_intersections",
+                                   "inverted",
+                                   "restless",
+                                   "steps_crossed",
+                                   "steps_passed",
+                                   "steps_folded",
+                                   "nan",
+                                   "frozen",
+                                   "cut",
+                                   "cut_twice",
+                                   "least_share",
+                                   "redone",
+                                   "not_converged",
+                                   "restored",
+                                   "energy_made_J",
+                                   "largest_energy_made_J",
+                                   "max_energy_J",
+                                   "judge",
+                                   "came_back",
+                                   "handle_off_m",
+                                   "tool_energy_J",
+                                   "energy_off_J"};
+  if (with_times) columns.emplace_back("max_step_ms");
+  CsvWriter csv(path, columns);
   for (const StressRide& r : rides) {
     const StressTally& t = r.tally;
     csv.cell(std::to_string(r.seed)).cell(r.failed() ? 1 : 0).cell(t.steps).cell(t.deepest_penetration_rel);
@@ -69,7 +70,8 @@ void writeRides(const std::filesystem::path& path, const std::vector<StressRide>
     }
     csv.cell(t.least_share).cell(t.redone).cell(t.not_converged).cell(t.restored).cell(t.energy_made);
     csv.cell(t.largest_energy_made).cell(t.max_energy).cell(nameOf(r.judge)).cell(r.came_back ? 1 : 0);
-    csv.cell(r.handle_off).cell(r.energy).cell(r.energy_off).cell(r.max_ms);
+    csv.cell(r.handle_off).cell(r.energy).cell(r.energy_off);
+    if (with_times) csv.cell(r.max_ms);
     csv.endRow();
   }
   csv.close();

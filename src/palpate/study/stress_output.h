@@ -18,7 +18,8 @@ StressSettings stressSettingsOf(const SceneConfig& config);
 /// The content of summary.json (docs/files.md).
 nlohmann::ordered_json stressSummary(const std::string& scene, const StressSettings& settings, const StressOutcome& o);
 
-/// rides.csv, a row a ride. Throws as CsvWriter does.
-void writeRides(const std::filesystem::path& path, const std::vector<StressRide>& rides);
+/// rides.csv, a row a ride; the longest step, which differs from run to run, `with_times` only. Throws as CsvWriter
+/// does.
+void writeRides(const std::filesystem::path& path, const std::vector<StressRide>& rides, bool with_times = true);
 
 }  // namespace palpate

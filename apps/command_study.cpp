@@ -1,0 +1,172 @@
+#include <fmt/format.h>
+#include <spawn.h>
+#include <sys/wait.h>
+
+#include <cstdio>
+#include <map>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <numeric>
+#include <string>
+#include <vector>
+
+#include "commands.h"
+#include "palpate/cases/case_report.h"
+#include "palpate/cases/case_run.h"
+#include "palpate/cases/plan.h"
+#include "palpate/common/error.h"
+#include "palpate/scene/reader.h"
+#include "progress.h"
+
+extern char** environ;  // NOLINT(readability-identifier-naming): of POSIX
+
+namespace palpate {
+namespace {
+
+struct StudyOptions {
+  std::string study, out, folder;
+  std::vector<int> cases;
+  int jobs = 1;
+  bool again = false;
+};
+
+void plan(const StudyOptions& options) {
+  const StudyConfig study = readStudy(options.study);
+  const std::string out = options.out.empty() ? "out/study-" + study.name : options.out;
+  const int cases = writePlan(study, out);
+  fmt::print("{}: {} {} in {}\npalpate study run {}, or there ./slurm.sh, ./parallel.sh, snakemake\n", study.name,
+             cases, cases == 1 ? "case" : "cases", out, out);
+}
+
+/// How a case that ran in this process ended; a failure is told, and the next one begins.
+bool runHere(const StudyOptions& options, int number, bool only) {
+  try {
+    Progress progress(fmt::format("case {}", number));
+    switch (runCase(options.folder, number, options.again, [&](double share) { progress(share); })) {
+      case CaseOutcome::done_before:
+        fmt::print("case {}: done already\n", number);
+        break;
+      case CaseOutcome::checks_failed:
+        fmt::print("case {}: done; criteria are not met\n", number);
+        break;
+      case CaseOutcome::done:
+        fmt::print("case {}: done\n", number);
+        break;
+    }
+    std::fflush(stdout);
+    return true;
+  } catch (const RunError& e) {
+    if (only) throw;
+    fmt::print(stderr, "palpate: {}\n", e.what());
+    return false;
+  }
+}
+
+/// Each case in a process of its own, with one thread, so many at a time. @returns those that failed
+std::vector<int> runSideBySide(const StudyOptions& options, const std::vector<int>& cases) {
+  std::vector<int> failed;
+  std::map<pid_t, int> running;
+  const auto await = [&] {
+    int status = 0;
+    const pid_t ended = ::waitpid(-1, &status, 0);
+    const auto found = running.find(ended);
+    if (found == running.end()) throw RunError("a case was lost track of");
+    if (!WIFEXITED(status) || WEXITSTATUS(status) != 0) failed.push_back(found->second);
+    running.erase(found);
+  };
+  for (const int number : cases) {
+    if (static_cast<int>(running.size()) == options.jobs) await();
+    std::vector<std::string> words{"palpate", "--threads",    "1",      "study",
+                                   "run",     options.folder, "--case", fmt::format("{}", number)};
+    if (options.again) words.emplace_back("--again");
+    std::vector<char*> arguments;
+    for (std::string& word : words) arguments.push_back(word.data());
+    arguments.push_back(nullptr);
+    pid_t process = 0;
+    if (::posix_spawn(&process, "/proc/self/exe", nullptr, nullptr, arguments.data(), environ) != 0)
+      throw RunError("cannot start another process of this program");
+    running[process] = number;
+  }
+  while (!running.empty()) await();
+  return failed;
+}
+
+void run(const StudyOptions& options) {
+  std::vector<int> cases = options.cases, failed;
+  const int count = readPlan(options.folder).cases();
+  if (cases.empty()) {
+    cases.resize(static_cast<std::size_t>(count));
+    std::iota(cases.begin(), cases.end(), 1);
+  }
+  for (const int number : cases)
+    if (number < 1 || number > count)
+      throw InputError("--case", "",
+                       fmt::format("{} has no case {}; there are 1 to {}", options.folder, number, count));
+  if (options.jobs > 1 && cases.size() > 1) {
+    failed = runSideBySide(options, cases);
+  } else {
+    for (const int number : cases)
+      if (!runHere(options, number, cases.size() == 1)) failed.push_back(number);
+  }
+  if (failed.empty()) return;
+  std::sort(failed.begin(), failed.end());
+  throw RunError(fmt::format("{} of {} cases failed: {}", failed.size(), cases.size(), numbersText(failed)));
+}
+
+void report(const StudyOptions& options) {
+  const StudyState state = reportStudy(options.folder);
+  fmt::print("{}: {} of {} cases are done\n", state.name, state.done, state.cases);
+  if (!state.missing.empty()) fmt::print("missing: {}\n", numbersText(state.missing));
+  for (const auto& [number, cause] : state.failed) fmt::print("case {} failed: {}\n", number, cause);
+  if (!state.below.empty()) fmt::print("criteria not met: {}\n", numbersText(state.below));
+  fmt::print("report: {}/report.html\n", options.folder);
+  std::fflush(stdout);
+  if (state.complete()) return;
+  throw ChecksFailed(
+      fmt::format("{}: {} cases are missing and {} failed", state.name, state.missing.size(), state.failed.size()));
+}
+
+void schema(const std::string& of) { fmt::print("{}\n", (of == "scene" ? sceneSchema() : studySchema()).dump(2)); }
+
+}  // namespace
+
+void addStudyCommand(CLI::App& app) {
+  const auto options = std::make_shared<StudyOptions>();
+  CLI::App* study =
+      app.add_subcommand("study", "Parameter studies: many cases, on as many cores and machines as there are");
+  study->require_subcommand(1);
+  CLI::App* make = study->add_subcommand("plan", "Make the cases of a study: a folder each, with all that it needs");
+  make->add_option("study", options->study, "Study file (YAML), see docs/studies.md")->required()->type_name("STUDY");
+  make->add_option("--out", options->out, "Folder for the study; default out/study-NAME")
+      ->check(kNotEmpty)
+      ->type_name("DIR");
+  make->callback([options] { plan(*options); });
+  const auto addFolder = [&](CLI::App* command) {
+    command->add_option("folder", options->folder, "Folder of the planned study")->required()->type_name("DIR");
+  };
+  CLI::App* work = study->add_subcommand("run", "Run cases that are not done yet; each is the same wherever it runs");
+  addFolder(work);
+  work->add_option("--case", options->cases, "Only this one; may be given several times")->type_name("N");
+  work->add_option("--jobs", options->jobs, "Cases at a time, one thread each; 1: one after the other in this process")
+      ->check(CLI::Range(1, 1024))
+      ->capture_default_str();
+  work->add_flag("--again", options->again, "Cases that are done too");
+  work->callback([options] { run(*options); });
+  CLI::App* tell =
+      study->add_subcommand("report", "Collect the results into a table and a page; exit code 3 if cases are missing");
+  addFolder(tell);
+  tell->callback([options] { report(*options); });
+}
+
+void addSchemaCommand(CLI::App& app) {
+  const auto of = std::make_shared<std::string>();
+  CLI::App* command =
+      app.add_subcommand("schema", "JSON Schema of scene or study files, by which editors complete and check them");
+  command->add_option("of", *of, "scene or study")
+      ->required()
+      ->check(CLI::IsMember({"scene", "study"}))
+      ->type_name("NAME");
+  command->callback([of] { schema(*of); });
+}
+
+}  // namespace palpate
