@@ -77,8 +77,8 @@ MaterialVariant readMaterial(const Value& value) {
                             {"of", [&](const Value& v) { material.of = v.name(); }}};
   for (const std::string& key : kMaterialKeys) {
     fields.push_back({key, [&material, key](const Value& v) {
-                        v.number(Range{});  // the scene's reader knows the range
                         material.values.emplace_back(key, v.any());
+                        v.number(Range{});  // the scene's reader knows the range
                       }});
   }
   value.fields(fields);
