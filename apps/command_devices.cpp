@@ -11,6 +11,7 @@
 #include <regex>
 #include <thread>
 
+#include "command_line.h"
 #include "commands.h"
 #include "palpate/common/error.h"
 #include "palpate/devices/driver_list.h"
@@ -269,12 +270,16 @@ void devices(const DevicesOptions& options) {
 }  // namespace
 
 void addDevicesCommand(CLI::App& app) {
+  std::vector<std::string> kinds;
+  for (const DriverKind& kind : driverKinds()) kinds.emplace_back(kind.name);
   const auto options = std::make_shared<DevicesOptions>();
   CLI::App* command =
       app.add_subcommand("devices", "List the devices that a scene can use: what is there, its limits, or why not");
   command->add_option("--device", options->devices, "Only this one; may be given several times")
+      ->check(offers(kinds))
       ->type_name("NAME[:key=value,...]");
   command->add_option("--test", options->test, "Open one as for a run and read it for two seconds, without force")
+      ->check(offers(kinds))
       ->type_name("NAME[:key=value,...]");
   command->add_option("--report", options->report, "Also write what was found, without private data (JSON)")
       ->check(kNotEmpty)

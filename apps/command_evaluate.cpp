@@ -59,6 +59,7 @@ void addEvaluateCommand(CLI::App& app) {
   Overrides& overrides = options->overrides;
   command->add_option("scenes", options->scenes, "Scene files (YAML)")->required()->type_name("SCENE");
   command->add_option("--methods", options->study.methods, "Methods to compare; default all")
+      ->check(offers(methodNames()))
       ->delimiter(',')
       ->type_name("A,B");
   command->add_option("--visual-dt", options->study.visual_steps, "Visual steps, s; default 0.010,0.020,0.033")

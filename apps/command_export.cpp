@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "command_line.h"
 #include "commands.h"
 #include "palpate/common/error.h"
 #include "palpate/exports/run_series.h"
@@ -105,6 +106,7 @@ void addExportCommand(CLI::App& app) {
       ->check(kNotEmpty)
       ->type_name("DIR");
   command->add_option("--parts", options->parts, "Of the series: mesh, surface, contacts; default: all")
+      ->check(offers({"mesh", "surface", "contacts"}))
       ->delimiter(',')
       ->type_name("PART,...");
   command->add_option("--from", options->series.from, "First time of the series, s")->type_name("T");

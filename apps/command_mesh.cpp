@@ -7,6 +7,7 @@
 #include <cmath>
 #include <memory>
 
+#include "command_line.h"
 #include "commands.h"
 #include "palpate/common/error.h"
 #include "palpate/mesh/alien.h"
@@ -316,7 +317,10 @@ void addInfo(CLI::App& group) {
 void addMake(CLI::App& group) {
   const auto options = std::make_shared<MakeCommand>();
   CLI::App* command = group.add_subcommand("make", "Make a procedural shape");
-  command->add_option("shape", options->shape, "alien, bar, box, sphere or capsule")->required()->type_name("SHAPE");
+  command->add_option("shape", options->shape, "alien, bar, box, sphere or capsule")
+      ->required()
+      ->check(offers({"alien", "bar", "box", "sphere", "capsule"}))
+      ->type_name("SHAPE");
   command->add_option("--out", options->out, "File to write: .obj, .stl, .ply, .off; a bar also .vtu, .vtk")
       ->required()
       ->type_name("FILE");

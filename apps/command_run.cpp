@@ -173,6 +173,7 @@ void addRunCommand(CLI::App& app) {
   command->add_flag("--realtime", options->realtime,
                     "Two threads against the clock; otherwise lockstep in virtual time");
   command->add_option("--compare", options->compare, "Method to run along the same motion and show beside")
+      ->check(offers(methodNames()))
       ->type_name("NAME");
   command
       ->add_option("--pictures", options->pictures, "Pictures of the run in lockstep, evenly spaced in time; 0: none")

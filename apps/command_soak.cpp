@@ -6,12 +6,14 @@
 #include <string>
 #include <vector>
 
+#include "command_line.h"
 #include "commands.h"
 #include "palpate/common/error.h"
 #include "palpate/common/interruption.h"
 #include "palpate/record/json_file.h"
 #include "palpate/record/output_folder.h"
 #include "palpate/record/text_table.h"
+#include "palpate/scene/checks.h"
 #include "palpate/scene/overrides.h"
 #include "palpate/scene/reader.h"
 #include "palpate/study/soak.h"
@@ -80,7 +82,9 @@ void addSoakCommand(CLI::App& app) {
   command->add_option("--duration", options->settings.duration, "Of each, s")
       ->check(CLI::Range(1.0, 86400.0))
       ->capture_default_str();
-  command->add_option("--method", options->method, "live, hsl, hsl-exact or vc")->type_name("NAME");
+  command->add_option("--method", options->method, "live, hsl, hsl-exact or vc")
+      ->check(offers(methodNames()))
+      ->type_name("NAME");
   command->add_option("--seed", options->seed, "Of the hands and their motion")->type_name("N");
   command->add_option("--out", options->out, "Folder for summary.json")
       ->check(kNotEmpty)

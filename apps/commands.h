@@ -44,5 +44,7 @@ void addLatencyCommand(CLI::App& app);
 void addSoakCommand(CLI::App& app);
 void addStudyCommand(CLI::App& app);
 void addSchemaCommand(CLI::App& app);
+void addManualCommand(CLI::App& app);
+void addCompletionCommand(CLI::App& app);
 
 }  // namespace palpate

@@ -4,7 +4,9 @@
 #include <new>
 #include <optional>
 #include <string>
+#include <vector>
 
+#include "command_line.h"
 #include "commands.h"
 #include "palpate/common/error.h"
 #include "palpate/common/interruption.h"
@@ -33,12 +35,13 @@ int fail(const std::string& message, int code) {
 int main(int argc, char** argv) {
   if (!palpate::openStandardDescriptors()) return kFailedRun;
   palpate::endCleanlyOnSignals();
-  CLI::App app("Palpate: feel soft things with soft tools. One subcommand a job; each has --help.");
+  CLI::App app("Palpate: feel soft things with soft tools. One subcommand a job; each has --help.", "palpate");
   app.fallthrough();  // options of the program may stand behind the subcommand
   int threads = palpate::ThreadTeam::suitable();
-  app.add_option("--threads", threads, "Threads that work on a visual step; results do not depend on it")
-      ->check(CLI::Range(1, palpate::ThreadTeam::kMaxThreads))
-      ->capture_default_str();
+  app.add_option(
+         "--threads", threads,
+         "Threads that work on a visual step; results do not depend on it. Default: by the cores of this machine")
+      ->check(CLI::Range(1, palpate::ThreadTeam::kMaxThreads));
   std::optional<palpate::ThreadTeam> team;
   std::optional<palpate::ExecutorScope> scope;
   app.parse_complete_callback([&] {  // before the subcommand's own
@@ -62,6 +65,13 @@ int main(int argc, char** argv) {
   palpate::addSoakCommand(app);
   palpate::addStudyCommand(app);
   palpate::addSchemaCommand(app);
+  palpate::addManualCommand(app);
+  palpate::addCompletionCommand(app);
+  if (argc > 1 && std::string(argv[1]) == "complete") {  // asked by shells: what could stand at the cursor?
+    const std::vector<std::string> words(argv + 2, argv + argc);
+    std::fputs(completionLines(palpate::complete(palpate::describe(app), words)).c_str(), stdout);
+    return 0;
+  }
   // CLI11 would only say that a subcommand is required
   const auto known = app.get_subcommands([](const CLI::App*) { return true; });
   if (argc > 1 && argv[1][0] != '-' &&

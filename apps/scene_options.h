@@ -2,7 +2,10 @@
 
 #include <CLI/CLI.hpp>
 #include <string>
+#include <vector>
 
+#include "command_line.h"
+#include "palpate/scene/checks.h"
 #include "palpate/scene/overrides.h"
 #include "palpate/scene/reader.h"
 
@@ -10,8 +13,11 @@ namespace palpate {
 
 /// What a run and a study of several methods and steps take alike.
 inline void addCommonOverrides(CLI::App& command, Overrides& overrides) {
-  command.add_option("--aim", overrides.aim, "What the visual handle aims at: sample or predicted")->type_name("NAME");
+  command.add_option("--aim", overrides.aim, "What the visual handle aims at: sample or predicted")
+      ->check(offers(aimNames()))
+      ->type_name("NAME");
   command.add_option("--derivative", overrides.derivative, "Derivative in the handle model: frozen or full")
+      ->check(offers(derivativeNames()))
       ->type_name("NAME");
   command.add_option("--handle", overrides.handle, "Which of the tool's handles is held")->type_name("NAME");
   command.add_option("--duration", overrides.duration, "Length of the run, s")->type_name("S");
@@ -20,6 +26,15 @@ inline void addCommonOverrides(CLI::App& command, Overrides& overrides) {
   command.add_option("--jitter", overrides.jitter, "Visual steps that a result may be later still, by chance")
       ->type_name("N");
   command.add_option("--tetrahedra", overrides.tetrahedra, "Wanted size of the tool's simulation mesh")->type_name("N");
+}
+
+/// Words for --device, which takes a file behind one of them.
+inline std::vector<std::string> deviceWords() {
+  std::vector<std::string> out = deviceNames();
+  for (std::string& name : out) {
+    if (name == toString(DeviceName::recorded)) name += ':';
+  }
+  return out;
 }
 
 /// SCENE and what the command line may set instead of it.
@@ -32,7 +47,9 @@ struct SceneOptions {
   }
 
   void addOverrides(CLI::App& command) {
-    command.add_option("--method", overrides.method, "live, hsl, hsl-exact or vc")->type_name("NAME");
+    command.add_option("--method", overrides.method, "live, hsl, hsl-exact or vc")
+        ->check(offers(methodNames()))
+        ->type_name("NAME");
     command
         .add_option_function<std::string>(
             "--visual-dt",
@@ -48,10 +65,13 @@ struct SceneOptions {
             "Length of a visual step, s, or auto: as short as this machine holds (palpate run)")
         ->type_name("S");
     addCommonOverrides(command, overrides);
-    command.add_option("--cone", overrides.cone, "Friction cone: polyhedral or exact")->type_name("NAME");
+    command.add_option("--cone", overrides.cone, "Friction cone: polyhedral or exact")
+        ->check(offers(coneNames()))
+        ->type_name("NAME");
     command
         .add_option("--device", overrides.device,
                     "simulated, prescribed, recorded:FILE, or one of palpate devices, NAME[:key=value,...]")
+        ->check(offers(deviceWords()))
         ->type_name("NAME");
     command.add_option("--seed", overrides.seed, "Of everything random: jitter, the motion of palpate stress")
         ->type_name("N");

@@ -10,6 +10,7 @@ import sys
 import tempfile
 
 import bad_input  # noqa: F401  registers its cases
+import command_line  # noqa: F401
 import devices  # noqa: F401
 import faults  # noqa: F401
 import mesh_files  # noqa: F401
