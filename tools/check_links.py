@@ -38,7 +38,7 @@ def exists(root, path):
 
 def check(root):
     errors = []
-    documents = [*root.glob("*.md"), *root.glob("docs/*.md"), *root.glob("web/*.md")]
+    documents = [*root.glob("*.md"), *root.glob("docs/**/*.md"), *root.glob("web/*.md")]
     for document in sorted(documents):
         text = document.read_text()
         place = document.relative_to(root)
