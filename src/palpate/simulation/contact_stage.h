@@ -40,6 +40,8 @@ class ContactStage {
   /// @returns the least share of a body's motion that is left
   double limitMotion(const MovingBodies& bodies, const ContactInput& input);
   const ContactSet& result() const { return set_; }
+  /// Hands the last result over, memory and all; there is none until the next solve().
+  ContactSet take() { return std::exchange(set_, {}); }
 
  private:
   // finding

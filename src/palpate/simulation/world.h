@@ -114,6 +114,8 @@ class World {
 
   /// Contacts of the last step, of all bodies that moved.
   const ContactSet& contacts() const { return stage_.result(); }
+  /// Hands them over to whoever still looks at them, right before the next step, which depends on none of them.
+  ContactSet takeContacts() { return stage_.take(); }
   /// The tool's part of them; null: it did not move.
   const BodyContactRows* toolRows() const;
 
