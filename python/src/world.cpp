@@ -1,5 +1,8 @@
 // Scenes, worlds, bodies, contacts.
 
+#include <fmt/format.h>
+
+#include <algorithm>
 #include <chrono>
 
 #include "owners.h"
@@ -26,6 +29,13 @@ void take(const py::dict& options, const char* key, std::optional<T>& target) {
 
 // What the program's options are, by the names of keyword arguments.
 Overrides overridesFrom(const py::dict& options) {
+  constexpr std::array<std::string_view, 12> kNames{"method",   "aim",       "derivative", "cone",   "handle", "device",
+                                                    "duration", "visual_dt", "latency",    "jitter", "seed",   "tetrahedra"};
+  for (const auto& [key, value] : options) {
+    const auto name = key.cast<std::string>();
+    if (std::find(kNames.begin(), kNames.end(), name) != kNames.end()) continue;
+    throw py::type_error(fmt::format("\"{}\" is no option of a scene; there are {}", name, fmt::join(kNames, ", ")));
+  }
   Overrides out;
   take(options, "method", out.method);
   take(options, "aim", out.aim);

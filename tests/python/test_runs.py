@@ -26,7 +26,7 @@ def motion_rows(count, dt=0.001):
 class Program(unittest.TestCase):
     @unittest.skipUnless(PROGRAM, "PALPATE_PROGRAM is not given")
     def test_numbers_are_those_of_palpate_run(self):
-        for scene, method in (("cube", "live"), ("cube", "hsl"), ("plug", "hsl-exact")):
+        for scene, method in (("cube", "live"), ("cube", "hsl"), ("block", "hsl-exact")):
             file = SOURCE / f"scenes/{scene}.yaml"
             with self.subTest(scene=scene, method=method), tempfile.TemporaryDirectory() as folder:
                 command = [PROGRAM, "run", file, "--method", method, "--duration", "1.0", "--pictures", "0"]

@@ -9,7 +9,7 @@ world = palpate.World(scene)
 report: palpate.StepReport = world.step(world.start.advanced(np.zeros(6)), step=0.033)
 positions: NDArray[np.float64] = world.tool.positions
 model: palpate.HandleModel = world.linearize()
-model.kx = [[0.0] * 6] * 6
+model.kx = np.zeros((6, 6))
 loop = palpate.HapticLoop.of(world)
 force: float = float(loop.tick(model, palpate.DeviceState(world.start)).sent[0])
 
