@@ -235,7 +235,8 @@ class StressRun {
     tally.crossed += seen.self_intersections > 0 ? 1 : 0;
     tally.passed += seen.passed > 0 ? 1 : 0;
     tally.folded += seen.inverted > 0 ? 1 : 0;
-    const bool touches = touchOf(world_) == Touch::others;
+    // what holds the tool holds the handle back as a touch does
+    const bool touches = !world_.tool().model.attachments().empty() || touchOf(world_) == Touch::others;
     tally.frozen += freeze_.after(world_, device.pose, touches, cut_before_) > 0 ? 1 : 0;
     return seen;
   }
