@@ -7,6 +7,7 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <numeric>
+#include <stdexcept>
 #include <string>
 #include <vector>
 
@@ -55,7 +56,7 @@ bool runHere(const StudyOptions& options, int number, bool only) {
     }
     std::fflush(stdout);
     return true;
-  } catch (const RunError& e) {
+  } catch (const std::runtime_error& e) {
     if (only) throw;
     fmt::print(stderr, "palpate: {}\n", e.what());
     return false;

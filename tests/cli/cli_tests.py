@@ -15,7 +15,9 @@ import devices  # noqa: F401
 import faults  # noqa: F401
 import mesh_files  # noqa: F401
 import safety  # noqa: F401
+import studies  # noqa: F401
 import subcommands  # noqa: F401
+import tables  # noqa: F401
 from harness import CASES, Context, Failure, Skip
 
 SKIPPED = 77  # exit code

@@ -44,9 +44,15 @@ class Skip(Exception):
 
 def with_vtk(script, *arguments):
     """What a script of this folder prints; it runs with the distribution's Python, which has VTK."""
+    return with_python({"vtk": "python3-vtk9"}, script, *arguments)
+
+
+def with_python(packages, script, *arguments):
+    """The same with other modules; `packages`: what brings each."""
     python = "/usr/bin/python3"
-    if subprocess.run([python, "-c", "import vtk"], capture_output=True).returncode != 0:
-        raise Skip("python3-vtk9 is not installed (./dev setup test)")
+    for module, package in packages.items():
+        if subprocess.run([python, "-c", f"import {module}"], capture_output=True).returncode != 0:
+            raise Skip(f"{package} is not installed (./dev setup test)")
     done = subprocess.run([python, "-B", str(pathlib.Path(__file__).parent / script), *map(str, arguments)],
                           capture_output=True, text=True, timeout=100)
     expect(done.returncode == 0, f"{script}: {done.stderr.strip()[-600:]}")

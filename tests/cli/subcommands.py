@@ -14,7 +14,7 @@ import urllib.request
 from harness import CASES, SCENE, case, expect
 
 SUBCOMMANDS = ["run", "one-d", "check", "evaluate", "stress", "mesh", "validate", "devices", "view",
-               "replay", "export", "latency", "soak", "manual", "completion"]
+               "replay", "export", "latency", "soak", "study", "schema", "manual", "completion"]
 SCENES = sorted(p.stem for p in (pathlib.Path(__file__).parents[2] / "scenes").glob("*.yaml") if p.stem != "one-d")
 UNITS = r"_(s|ms|us|m|kg|N|Nm|Pa|J|rad|deg|Hz|m_s|rad_s|N_m|m3|m2|count)$"
 WITHOUT_UNIT = r"(^|_)(q?[wxyz]|contacts.*|iterations|.*iterations|residual|.*residual|active|buttons|flags?|step|tick|motion_share|redone|converged|.*_rel|scene|method|handle|device|aim|passes|status|missed|.*stale.*)$"

@@ -254,7 +254,11 @@ Json takeTimes(Json& summary) {
 
 CaseState caseState(const fs::path& folder, int number) {
   const fs::path at = caseFolder(folder, number);
-  return stateOf(at, readInputs(at).digest);
+  try {
+    return stateOf(at, readInputs(at).digest);
+  } catch (const InputError& e) {  // somebody has changed what was planned
+    return {CaseState::Kind::failed, e.what(), ""};
+  }
 }
 
 CaseOutcome runCase(const fs::path& folder, int number, bool again, const std::function<void(double)>& progress) {

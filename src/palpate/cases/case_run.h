@@ -25,7 +25,7 @@ struct CaseState {
   std::string program;  ///< digest of that which made it
 };
 
-/// @throws InputError if its inputs cannot be read
+/// One whose inputs cannot be read any more has failed.
 CaseState caseState(const std::filesystem::path& folder, int number);
 
 enum class CaseOutcome {

@@ -47,8 +47,9 @@ struct Field {
 /// A value of a scene file together with its place, so that whatever is wrong with it can be said in one line. Every
 /// reading function throws InputError (file, "key.path (line N)", cause).
 ///
-/// The functions that read a file describe it too, so that its JSON Schema cannot differ from what is read: a value that
-/// describes has no node, and each reading function notes in a schema what it takes and returns something of that kind.
+/// The functions that read a file describe it too, so that its JSON Schema cannot differ from what is read: a value
+/// that describes has no node, and each reading function notes in a schema what it takes and returns something of that
+/// kind.
 class Value {
  public:
   Value(const std::string& file, std::string key, DocumentNode::Pointer node)
