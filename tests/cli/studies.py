@@ -110,7 +110,7 @@ def study_case_that_is_killed(context):
     for sent in (signal.SIGKILL, signal.SIGINT):
         process = context.start(["study", "run", folder, "--case", "1"])
         deadline = time.monotonic() + 30
-        while time.monotonic() < deadline and not list(at.glob(".partial-*/*")):
+        while time.monotonic() < deadline and not list(at.glob(f".partial-*-{process.pid}/*")):
             time.sleep(0.02)
         process.send_signal(sent)
         process.communicate(timeout=30)
@@ -208,7 +208,7 @@ def schema_agrees_with_the_reader(context):
         wrong[context.file(f"wrong-{index}.yaml", changed)] = "nonsense"
     expect(len(wrong) >= 4, "scenes/alien.yaml has changed")
     wrong[context.file("range.yaml", re.sub(r"density: [0-9.]+", "density: -3", alien, count=1))] = "density"
-    wrong[context.file("kind.yaml", alien.replace("palpate: 1\n", "palpate: 1\nduration: long\n", 1))] = "duration"
+    wrong[context.file("kind.yaml", alien.replace("duration: 20 ", "duration: long ", 1))] = "duration"
     wrong[context.file("choice.yaml", alien.replace("palpate: 1\n", "palpate: 1\naim: nowhere\n", 1))] = "aim"
     found = json.loads(with_python(packages, "schema_check.py", schemas["scene"], *wrong))
     for file, word in wrong.items():
