@@ -12,7 +12,7 @@ import re
 
 import reporting
 
-FOLDERS = ("include", "src", "examples", "apps", "shared", "tests", "bench", "fuzz")
+FOLDERS = ("include", "src", "examples", "apps", "python", "shared", "tests", "bench", "fuzz")
 CONSTANT = re.compile(
     r"^(?:(?:inline |static )*(?:constexpr|const) |[ ]+static (?:inline )?constexpr )"
     r"(?:inline )?(?P<type>[\w:<>,\*& ]*?[\w>\*]) (?P<name>\w+)(?:\[\w*\])*(?= =| ?\{|;|\[)",

@@ -88,7 +88,7 @@ py::array copied(const Eigen::MatrixBase<Derived>& m) {
   } else {
     py::array_t<double> out({m.rows(), m.cols()});
     Eigen::Map<Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>>(out.mutable_data(), m.rows(),
-                                                                                      m.cols()) = m;
+                                                                                       m.cols()) = m;
     return std::move(out);
   }
 }

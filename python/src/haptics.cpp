@@ -146,8 +146,10 @@ void bindHaptics(py::module_& module) {
            "One tick: from the newest handle model (None: there is none yet) and what the device says (Pose or "
            "DeviceState) to the wrench on the device. time [s]: default one tick after the last. The first tick starts "
            "the loop where the device is, unless start() did.")
-      .def("leave", [](LoopOwner& self) { self.loop.leave(); }, "From the next tick on the force leaves.")
-      .def_property_readonly("dt", [](const LoopOwner& self) { return self.loop.settings().dt; }, "[s]")
+      .def(
+          "leave", [](LoopOwner& self) { self.loop.leave(); }, "From the next tick on the force leaves.")
+      .def_property_readonly(
+          "dt", [](const LoopOwner& self) { return self.loop.settings().dt; }, "[s]")
       .def_property_readonly(
           "link", [](const LoopOwner& self) { return self.loop.settings().link; }, "A copy.")
       .def_property_readonly(

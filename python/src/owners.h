@@ -1,6 +1,7 @@
 #pragma once
 
 #include <atomic>
+#include <chrono>
 #include <memory>
 #include <optional>
 #include <string>
@@ -87,21 +88,23 @@ struct BodyView {
   Body body() const { return owner->world().body(index); }
 };
 
-/// Asks Python whether Ctrl-C was pressed; once in a while, as it needs the interpreter. Thread that holds no GIL.
+/// Asks Python whether Ctrl-C was pressed; seldom, as it has to wait for the interpreter. Thread that holds no GIL.
 class Interrupts {
  public:
   /// @returns true once it was; the exception is then set
   bool asked() {
-    if (!asked_ && ++calls_ % kEvery == 0) {
-      const py::gil_scoped_acquire gil;
-      asked_ = PyErr_CheckSignals() != 0;
-    }
+    const auto now = Clock::now();
+    if (asked_ || now < next_) return asked_;
+    next_ = now + std::chrono::milliseconds(50);
+    const py::gil_scoped_acquire gil;
+    asked_ = PyErr_CheckSignals() != 0;
     return asked_;
   }
+  bool happened() const { return asked_; }
 
  private:
-  static constexpr int kEvery = 200;  // ticks
-  int calls_ = 0;
+  using Clock = std::chrono::steady_clock;
+  Clock::time_point next_ = Clock::now() + std::chrono::milliseconds(50);
   bool asked_ = false;
 };
 

@@ -1,6 +1,7 @@
 // Whole runs in virtual time, one or many at once, and the one-dimensional experiment.
 
 #include <algorithm>
+#include <chrono>
 #include <condition_variable>
 #include <exception>
 #include <mutex>
@@ -160,8 +161,8 @@ class Run {
   }
 
   Run(const SceneConfig& config, py::object slow_device) : owner_(std::make_shared<WorldOwner>(config)) {
-    auto device = std::make_unique<SlowPythonDevice>(std::move(slow_device), owner_->built.start,
-                                                     owner_->built.device->limits());
+    auto device =
+        std::make_unique<SlowPythonDevice>(std::move(slow_device), owner_->built.start, owner_->built.device->limits());
     slow_ = device.get();
     setDevice(std::move(device));
     begin();
@@ -212,7 +213,7 @@ std::shared_ptr<Trace> advance(Run& run, std::int64_t ticks) {
   if (run.slowDevice()) {
     if (const std::exception_ptr failure = run.slowDevice()->takeFailure()) std::rethrow_exception(failure);
   }
-  if (interrupts.asked()) throw py::error_already_set();
+  if (interrupts.happened()) throw py::error_already_set();
   return trace;
 }
 
@@ -431,11 +432,10 @@ void bindTrace(py::module_& module) {
   for (std::size_t i = 0; i < kTickColumns.size(); ++i) names[i] = kTickColumns[i];
   trace.attr("COLUMNS") = names;
   trace.def("__len__", [](const Trace& self) { return self.flags.size(); })
-      .def_property_readonly(
-          "ticks", ofTrace([](const Trace& t, py::handle self) {
-            return matrixView(t.ticks, static_cast<py::ssize_t>(kTickColumns.size()), self);
-          }),
-          "(ticks, 28) in the columns COLUMNS: those of haptic.csv but for the flags.")
+      .def_property_readonly("ticks", ofTrace([](const Trace& t, py::handle self) {
+                               return matrixView(t.ticks, static_cast<py::ssize_t>(kTickColumns.size()), self);
+                             }),
+                             "(ticks, 28) in the columns COLUMNS: those of haptic.csv but for the flags.")
       .def_property_readonly("time", columns(0, 1), "(ticks,) [s].")
       .def_property_readonly("device", columns(1, 7), "Pose (ticks, 7): x y z [m], qw qx qy qz.")
       .def_property_readonly("proxy", columns(8, 7), "Pose of the proxy (ticks, 7).")
@@ -445,19 +445,18 @@ void bindTrace(py::module_& module) {
       .def_property_readonly(
           "device_twist", ofTrace([](const Trace& t, py::handle self) { return matrixView(t.device_twists, 6, self); }),
           "(ticks, 6) [m/s, rad/s].")
-      .def_property_readonly(
-          "flags", ofTrace([](const Trace& t, py::handle self) { return vectorView(t.flags, self); }),
-          "(ticks,) uint32, bits as in haptic.csv.")
-      .def_property_readonly(
-          "visual_time", ofTrace([](const Trace& t, py::handle self) { return vectorView(t.visual_times, self); }),
-          "At which each visual step began (steps,) [s].")
-      .def_property_readonly(
-          "coupling", ofTrace([](const Trace& t, py::handle self) {
-            return view(t.models.empty() ? nullptr : t.models.front().force.data(),
-                        {static_cast<py::ssize_t>(t.models.size()), 6}, {sizeof(HandleModel), sizeof(double)}, self,
-                        Access::read);
-          }),
-          "Wrench of the tool on the handle (steps, 6) [N, N m].")
+      .def_property_readonly("flags",
+                             ofTrace([](const Trace& t, py::handle self) { return vectorView(t.flags, self); }),
+                             "(ticks,) uint32, bits as in haptic.csv.")
+      .def_property_readonly("visual_time",
+                             ofTrace([](const Trace& t, py::handle self) { return vectorView(t.visual_times, self); }),
+                             "At which each visual step began (steps,) [s].")
+      .def_property_readonly("coupling", ofTrace([](const Trace& t, py::handle self) {
+                               return view(t.models.empty() ? nullptr : t.models.front().force.data(),
+                                           {static_cast<py::ssize_t>(t.models.size()), 6},
+                                           {sizeof(HandleModel), sizeof(double)}, self, Access::read);
+                             }),
+                             "Wrench of the tool on the handle (steps, 6) [N, N m].")
       .def_property_readonly(
           "models",
           [](const Trace& self) {

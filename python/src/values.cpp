@@ -15,10 +15,7 @@ namespace {
 template <class T, class Member>
 void bindMember(py::class_<T>& bound, const char* name, Member T::*member, const char* doc) {
   bound.def_property(
-      name,
-      [member](py::object self) {
-        return eigenView(self.cast<T&>().*member, self, Access::write);
-      },
+      name, [member](py::object self) { return eigenView(self.cast<T&>().*member, self, Access::write); },
       [member, name](T& self, py::handle value) {
         if constexpr (Member::ColsAtCompileTime == 6) {
           self.*member = mat6From(value, name);

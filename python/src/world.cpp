@@ -29,8 +29,9 @@ void take(const py::dict& options, const char* key, std::optional<T>& target) {
 
 // What the program's options are, by the names of keyword arguments.
 Overrides overridesFrom(const py::dict& options) {
-  constexpr std::array<std::string_view, 12> kNames{"method",   "aim",       "derivative", "cone",   "handle", "device",
-                                                    "duration", "visual_dt", "latency",    "jitter", "seed",   "tetrahedra"};
+  constexpr std::array<std::string_view, 12> kNames{"method",  "aim",    "derivative", "cone",
+                                                    "handle",  "device", "duration",   "visual_dt",
+                                                    "latency", "jitter", "seed",       "tetrahedra"};
   for (const auto& [key, value] : options) {
     const auto name = key.cast<std::string>();
     if (std::find(kNames.begin(), kNames.end(), name) != kNames.end()) continue;
@@ -233,7 +234,11 @@ void bindWorldClass(py::module_& module) {
           },
           "Wrench of the tool on the handle at the end of the last step (6,) [N, N m].")
       .def(
-          "contacts", [](WorldOwner& owner) { return owner.contacts(); },
+          "contacts",
+          [](WorldOwner& owner) {
+            const WorldOwner::Use use(owner);
+            return owner.contacts();
+          },
           "Contacts of the last step. They stay what they are when the world goes on.")
       .def(
           "save",
@@ -243,8 +248,7 @@ void bindWorldClass(py::module_& module) {
           },
           "The state as bytes: restored, the world goes on to the bit.")
       .def("restore", &restore, py::arg("state"), "Takes a saved state of this scene. Raises ValueError for others.")
-      .def_property_readonly("bodies",
-                             [](const std::shared_ptr<WorldOwner>& owner) { return listOf(bodiesOf(owner)); })
+      .def_property_readonly("bodies", [](const std::shared_ptr<WorldOwner>& owner) { return listOf(bodiesOf(owner)); })
       .def_property_readonly("tool",
                              [](const std::shared_ptr<WorldOwner>& owner) {
                                return BodyView{owner, owner->world().toolIndex()};
@@ -297,8 +301,8 @@ py::array tableView(const std::vector<Row>& rows, py::handle owner) {
 py::object upperTriangle(const SymmetricBlockMatrix& matrix, py::handle owner) {
   if (matrix.size == 0) throw std::runtime_error("the body has no free nodes");
   constexpr py::ssize_t kSize = sizeof(double);
-  const py::array values = view(matrix.values.data(), {matrix.slots(), 3, 3}, {9 * kSize, 3 * kSize, kSize}, owner,
-                                Access::read);
+  const py::array values =
+      view(matrix.values.data(), {matrix.slots(), 3, 3}, {9 * kSize, 3 * kSize, kSize}, owner, Access::read);
   const py::ssize_t rows = 3 * static_cast<py::ssize_t>(matrix.size);
   return py::module_::import("scipy.sparse")
       .attr("bsr_matrix")(py::make_tuple(values, vectorView(matrix.row, owner), vectorView(matrix.column, owner)),
@@ -306,6 +310,7 @@ py::object upperTriangle(const SymmetricBlockMatrix& matrix, py::handle owner) {
 }
 
 py::object stiffness(const BodyView& self) {
+  const WorldOwner::Use use(*self.owner);
   const Body body = self.body();
   auto matrix = std::make_unique<SymmetricBlockMatrix>(body.model.pattern());
   if (matrix->size > 0) {
@@ -345,6 +350,7 @@ void setHandle(const BodyView& self, const Pose& pose, py::handle twist) {
 }
 
 py::array surfaceVertices(const BodyView& self) {
+  const WorldOwner::Use use(*self.owner);
   const Body body = self.body();
   const SimulationMesh& mesh = body.model.mesh();
   py::array_t<double> out({static_cast<py::ssize_t>(mesh.embedding.size()), py::ssize_t{3}});
@@ -374,45 +380,44 @@ void bindBody(py::module_& module) {
       .def_property_readonly("nodes", [](const BodyView& self) { return self.body().model.nodes(); })
       .def_property_readonly(
           "mass", [](const BodyView& self) { return self.body().model.totalMass(); }, "[kg]")
-      .def_property_readonly(
-          "positions", ofBody([](const Body& body, py::handle self) { return rowsOfThree(body.state.positions, self); }),
-          "(nodes, 3) [m], read-only view.")
-      .def_property_readonly(
-          "velocities",
-          ofBody([](const Body& body, py::handle self) { return rowsOfThree(body.state.velocities, self); }),
-          "(nodes, 3) [m/s], read-only view.")
+      .def_property_readonly("positions", ofBody([](const Body& body, py::handle self) {
+                               return rowsOfThree(body.state.positions, self);
+                             }),
+                             "(nodes, 3) [m], read-only view.")
+      .def_property_readonly("velocities", ofBody([](const Body& body, py::handle self) {
+                               return rowsOfThree(body.state.velocities, self);
+                             }),
+                             "(nodes, 3) [m/s], read-only view.")
       .def_property_readonly(
           "forces",
           ofBody([](const Body& body, py::handle self) { return rowsOfThree(body.system.elasticForces(), self); }),
           "Elastic forces at the start of the last step (nodes, 3) [N], read-only view; ask again after a step, as the "
           "solver uses two buffers in turn. No rows before the first step.")
-      .def_property_readonly(
-          "masses", ofBody([](const Body& body, py::handle self) {
-            return eigenView(body.model.elasticity().mass(), self, Access::read);
-          }),
-          "(nodes,) [kg], read-only view.")
-      .def_property_readonly(
-          "rest_positions",
-          ofBody([](const Body& body, py::handle self) { return tableView(body.model.mesh().mesh.nodes, self); }),
-          "Undeformed (nodes, 3) [m], read-only view.")
-      .def_property_readonly(
-          "tetrahedra",
-          ofBody([](const Body& body, py::handle self) { return tableView(body.model.mesh().mesh.tetrahedra, self); }),
-          "(tetrahedra, 4) int32, read-only view.")
-      .def_property_readonly(
-          "triangles",
-          ofBody([](const Body& body, py::handle self) { return tableView(body.model.mesh().surface.triangles, self); }),
-          "Of the surface (triangles, 3) int32, read-only view.")
+      .def_property_readonly("masses", ofBody([](const Body& body, py::handle self) {
+                               return eigenView(body.model.elasticity().mass(), self, Access::read);
+                             }),
+                             "(nodes,) [kg], read-only view.")
+      .def_property_readonly("rest_positions", ofBody([](const Body& body, py::handle self) {
+                               return tableView(body.model.mesh().mesh.nodes, self);
+                             }),
+                             "Undeformed (nodes, 3) [m], read-only view.")
+      .def_property_readonly("tetrahedra", ofBody([](const Body& body, py::handle self) {
+                               return tableView(body.model.mesh().mesh.tetrahedra, self);
+                             }),
+                             "(tetrahedra, 4) int32, read-only view.")
+      .def_property_readonly("triangles", ofBody([](const Body& body, py::handle self) {
+                               return tableView(body.model.mesh().surface.triangles, self);
+                             }),
+                             "Of the surface (triangles, 3) int32, read-only view.")
       .def("surface_vertices", &surfaceVertices, "Where the surface now is (vertices, 3) [m]: a copy.")
       .def_property_readonly(
           "free_nodes", ofBody([](const Body& body, py::handle self) { return vectorView(body.model.free(), self); }),
           "Node of each block row of system() and stiffness(), int32, read-only view.")
-      .def_property_readonly(
-          "attached_nodes", ofBody([](const Body& body, py::handle self) {
-            static const std::vector<int> kNone;
-            return vectorView(body.model.framed() ? body.model.handle().nodes : kNone, self);
-          }),
-          "Nodes on the handle, int32, read-only view.")
+      .def_property_readonly("attached_nodes", ofBody([](const Body& body, py::handle self) {
+                               static const std::vector<int> kNone;
+                               return vectorView(body.model.framed() ? body.model.handle().nodes : kNone, self);
+                             }),
+                             "Nodes on the handle, int32, read-only view.")
       .def_property_readonly(
           "handle_pose",
           [](const BodyView& self) {
@@ -420,12 +425,11 @@ void bindBody(py::module_& module) {
             return self.body().state.handle.pose;
           },
           "Of a held or rigid body: a copy.")
-      .def_property_readonly(
-          "handle_twist", ofBody([](const Body& body, py::handle self) {
-            framedModel(self.cast<const BodyView&>());
-            return eigenView(body.state.handle.twist, self, Access::read);
-          }),
-          "(6,) [m/s, rad/s], read-only view.")
+      .def_property_readonly("handle_twist", ofBody([](const Body& body, py::handle self) {
+                               framedModel(self.cast<const BodyView&>());
+                               return eigenView(body.state.handle.twist, self, Access::read);
+                             }),
+                             "(6,) [m/s, rad/s], read-only view.")
       .def("set_state", &setState, py::arg("positions") = py::none(), py::arg("velocities") = py::none(),
            "Puts the nodes elsewhere (nodes, 3) [m], [m/s]. Those on a handle follow it: see set_handle().")
       .def("set_handle", &setHandle, py::arg("pose"), py::arg("twist") = py::none(),
@@ -434,6 +438,7 @@ void bindBody(py::module_& module) {
           "system",
           [](py::object self) {
             const auto& body = self.cast<const BodyView&>();
+            const WorldOwner::Use use(*body.owner);
             body.owner->requireStep();
             return upperTriangle(body.body().system.matrix(), self);
           },
@@ -476,7 +481,8 @@ void bindContacts(py::module_& module) {
   contacts.attr("STATES") = py::make_tuple("open", "stick", "slide", "edge", "vertex");
   contacts.def("__len__", [](const ContactsView& self) { return self.set().contacts.size(); })
       .def_property_readonly(
-          "glued", [](const ContactsView& self) { return self.set().glued; }, "How many, the first ones, are equalities.")
+          "glued", [](const ContactsView& self) { return self.set().glued; },
+          "How many, the first ones, are equalities.")
       .def_property_readonly("gap", ofContacts([first](const ContactSet& set, py::handle self) {
                                return fieldView(set.contacts, &first(set).gap, 1, self);
                              }),
@@ -510,30 +516,30 @@ void bindContacts(py::module_& module) {
       .def_property_readonly(
           "impulse", ofContacts([](const ContactSet& set, py::handle self) { return rowsOfThree(set.impulse, self); }),
           "Along normal and tangents (n, 3) [N s].")
-      .def_property_readonly("islands",
-                             [](const std::shared_ptr<ContactsView>& self) {
-                               py::list out;
-                               for (std::size_t i = 0; i < self->set().islands.size(); ++i) {
-                                 out.append(IslandView{self, i});
-                               }
-                               return out;
-                             },
-                             "Groups of contacts that act on one another.");
+      .def_property_readonly(
+          "islands",
+          [](const std::shared_ptr<ContactsView>& self) {
+            py::list out;
+            for (std::size_t i = 0; i < self->set().islands.size(); ++i) {
+              out.append(IslandView{self, i});
+            }
+            return out;
+          },
+          "Groups of contacts that act on one another.");
   py::class_<IslandView>(module, "Island", "Contacts that act on one another.")
-      .def_property_readonly("contacts",
-                             [](py::object self) {
-                               return vectorView(self.cast<const IslandView&>().island().contacts, self);
-                             },
-                             "Indices of its contacts, int32, read-only view.")
-      .def_property_readonly("W",
-                             [](py::object self) {
-                               // symmetric, so its columns may be taken for rows
-                               const MatX& w = self.cast<const IslandView&>().island().delassus;
-                               constexpr py::ssize_t kSize = sizeof(double);
-                               return view(w.data(), {w.rows(), w.cols()}, {w.rows() * kSize, kSize}, self,
-                                           Access::read);
-                             },
-                             "J A^-1 J^T (3 n, 3 n) [1/kg], three rows a contact: normal, tangents; read-only view.");
+      .def_property_readonly(
+          "contacts",
+          [](py::object self) { return vectorView(self.cast<const IslandView&>().island().contacts, self); },
+          "Indices of its contacts, int32, read-only view.")
+      .def_property_readonly(
+          "W",
+          [](py::object self) {
+            // symmetric, so its columns may be taken for rows
+            const MatX& w = self.cast<const IslandView&>().island().delassus;
+            constexpr py::ssize_t kSize = sizeof(double);
+            return view(w.data(), {w.rows(), w.cols()}, {w.rows() * kSize, kSize}, self, Access::read);
+          },
+          "J A^-1 J^T (3 n, 3 n) [1/kg], three rows a contact: normal, tangents; read-only view.");
 }
 
 }  // namespace

@@ -11,9 +11,12 @@ import subprocess
 import sys
 
 try:
-    import mypy  # noqa: F401
+    from mypy.version import __version__ as version
 except ImportError as missing:
     print(f"skipped: {missing}")
+    sys.exit(77)
+if int(version.split(".")[0]) < 1:
+    print(f"skipped: mypy {version} is too old")
     sys.exit(77)
 
 
