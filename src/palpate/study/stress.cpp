@@ -27,18 +27,29 @@ constexpr double kEnergyOff = 1e-4, kEnergyShare = 0.1;  // [J], of the energy
 
 enum class Touch { nothing, itself, others };
 
-// What the tool touches, by the last step's contacts.
+// What the tool, or what is glued to it, touches, by the last step's contacts. A rigid body that nobody holds, glued to
+// them, may lie anywhere: it counts as touched.
 Touch touchOf(const World& world) {
   const ContactSet& set = world.contacts();
-  const int tool = world.toolIndex();
+  const std::vector<int> own = world.gluedTogether(world.toolIndex());
+  const auto isOwn = [&](int body) { return std::find(own.begin(), own.end(), body) != own.end(); };
+  for (const Joint& joint : world.joints()) {
+    if (isOwn(joint.body) != isOwn(joint.partner)) return Touch::others;
+  }
   Touch out = Touch::nothing;
   for (std::size_t c = 0; c < set.contacts.size(); ++c) {
     if (set.contacts[c].glued() || set.status[c].state == ContactState::open) continue;
     const int a = set.contacts[c].first.body, b = set.contacts[c].second.body;
-    if ((a == tool) != (b == tool)) return Touch::others;
-    if (a == tool) out = Touch::itself;
+    if (a != b && (isOwn(a) || isOwn(b))) return Touch::others;
+    if (isOwn(a)) out = Touch::itself;
   }
   return out;
+}
+
+// Whether the world moves the tool, or what is glued to it: then nothing comes to rest.
+bool drivesTool(const World& world) {
+  const std::vector<int> own = world.gluedTogether(world.toolIndex());
+  return std::any_of(own.begin(), own.end(), [&](int i) { return world.body(i).model.driven(); });
 }
 
 /// Where a world has come to rest.
@@ -93,6 +104,7 @@ class StressRun {
         hand_(giveHand(scene, settings.timing.visual_step)),
         run_(scene, settings.timing, sink_),
         diagonal_(boundsOf(world_.tool().model.mesh().surface.vertices).diagonal()),
+        driven_(drivesTool(world_)),
         examiner_(world_, kInside * diagonal_, settings.crossable),
         freeze_(world_, scene.start, settings.timing.visual_step) {
     settings_.motion.step = settings.timing.visual_step;
@@ -143,16 +155,10 @@ class StressRun {
   }
 
   void rideAll() {
-    const LockstepState built = run_.state();
-    const int calm = static_cast<int>(std::ceil(settings_.motion.home / settings_.motion.step - 1e-9));
-    for (int n = 0; n < calm; ++n) take({scene_.start, Vec6::Zero()});
-    reference_ = restOf(world_);
-    reference_touch_ = touchOf(world_);
-    times_.clear();
+    built_ = run_.state();
+    leaveAlone(static_cast<int>(std::ceil(settings_.motion.home / settings_.motion.step - 1e-9)));
     for (int k = 0; k < settings_.rides && !outcome_.stopped; ++k) {
-      run_.restore(built);
-      hand_.place(scene_.start);
-      steps_ = 0;
+      beginAnew();
       freeze_.restart(world_);
       cut_before_ = false;
       StressRide ride;
@@ -161,6 +167,22 @@ class StressRun {
       outcome_.all += ride.tally;
       outcome_.rides.push_back(ride);
     }
+  }
+
+  void beginAnew() {
+    run_.restore(built_);
+    hand_.place(scene_.start);
+    steps_ = 0;
+  }
+
+  // The built scene after so many steps in which the hand stands still.
+  void leaveAlone(int steps) {
+    const std::size_t known = times_.size();
+    beginAnew();
+    for (int n = 0; n < steps; ++n) take({scene_.start, Vec6::Zero()});
+    reference_ = restOf(world_);
+    reference_touch_ = touchOf(world_);
+    times_.resize(known);
   }
 
   void rideOne(StressRide& ride, double before) {
@@ -196,6 +218,7 @@ class StressRun {
       ride.came_back = false;
       return;
     }
+    if (driven_ && touch != Touch::others) leaveAlone(static_cast<int>(steps_));  // where it is by now
     Rest wanted = reference_;
     bool same_energy = true;
     if (touch != Touch::others && reference_touch_ != Touch::others) {
@@ -278,6 +301,8 @@ class StressRun {
   WayDevice& hand_;
   LockstepRun run_;
   double diagonal_;
+  bool driven_;
+  LockstepState built_;
   Examiner examiner_;
   FreezeWatch freeze_;
   Rest reference_;

@@ -57,7 +57,8 @@ struct StressTally {
 /// What a ride's end is compared with.
 enum class RideJudge {
   none,       ///< the tool touches something, and nobody asked for a static solution, or there was none
-  reference,  ///< the built scene, left alone for as long as the ride's hand stood still
+  reference,  ///< the built scene, left alone for as long as the ride's hand stood still, or for all of the ride where
+              ///< the world drives the tool
   settled     ///< the static solution from the ride's end
 };
 
