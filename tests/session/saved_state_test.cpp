@@ -151,6 +151,58 @@ TEST(SavedLiveState, GoesOnToTheBitInAWorldBuiltAnew) {
   }
 }
 
+// What no shipped scene has: attachments that move, springs among them, a soft lump glued to a loose rigid block.
+constexpr const char* kAttached = R"(
+palpate: 1
+name: attached
+duration: 3
+tool:
+  shape: {bar: {size: [0.03, 0.03, 0.04], cells: [2, 2, 2]}}
+  pose: {position: [0, 0, 0.0505]}
+  handles:
+    top:
+      region: {halfspace: {point: [0, 0, 0.0399], normal: [0, 0, 1]}}
+      hand:
+        keyframes:
+          - {t: 0}
+          - {t: 0.4, position: [0, 0, -0.012]}
+          - {t: 1.5, position: [0.03, 0.01, -0.012], rotation: [0, 0, 10]}
+          - {t: 3, position: [-0.03, 0, -0.012]}
+bodies:
+  - name: slab
+    shape: {bar: {size: [0.06, 0.06, 0.03], cells: [3, 3, 2]}}
+    start: settled
+    attachments:
+      bed: {region: {halfspace: {point: [0, 0, 0.0001], normal: [0, 0, -1]}}, motion: {period: 1, keyframes: [{t: 0}, {t: 0.5, position: [0, 0, 0.004]}, {t: 1}]}}
+      ligament: {region: {halfspace: {point: [0.0299, 0, 0], normal: [1, 0, 0]}}, stiffness: 1.0e5, damping: 100, motion: {period: 1, keyframes: [{t: 0}, {t: 0.5, position: [0.002, 0, 0]}, {t: 1}]}}
+  - name: lump
+    shape: {bar: {size: [0.03, 0.03, 0.02], cells: [2, 2, 1]}}
+    pose: {position: [0, 0, 0.03]}
+    start: settled
+    attachments:
+      seam: {region: {halfspace: {point: [0, 0, 0.0001], normal: [0, 0, -1]}}, to: slab}
+  - name: block
+    rigid: true
+    shape: {box: {size: [0.03, 0.06, 0.03]}}
+    pose: {position: [0.048, 0, 0.0001]}
+  - name: cap
+    shape: {bar: {size: [0.02, 0.03, 0.015], cells: [2, 2, 1]}}
+    pose: {position: [0.048, 0, 0.0301]}
+    start: settled
+    attachments:
+      seam: {region: {halfspace: {point: [0, 0, 0.0001], normal: [0, 0, -1]}}, to: block}
+obstacles:
+  - {name: table, plane: {}}
+)";
+
+TEST(SavedAttachedState, GoesOnToTheBitInAWorldBuiltAnew) {
+  for (const MethodName method : {MethodName::live, MethodName::hsl_exact}) {
+    SceneConfig config = readSceneFromString(kAttached, "attached");
+    config.method = method;
+    expectToGoOnToTheBit(config);
+  }
+}
+
 INSTANTIATE_TEST_SUITE_P(Scenes, SavedState, ::testing::ValuesIn(shippedScenes()), [](const auto& scene) {
   std::string name = scene.param;
   std::replace(name.begin(), name.end(), '-', '_');

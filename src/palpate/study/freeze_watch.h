@@ -11,8 +11,8 @@ namespace palpate {
 /// than a micrometer in any step of the last 0.3 s, although
 /// - in each of them its velocities would have carried a node by ten micrometers, and motion was cut short; or
 /// - it is the tool, its handle is 5 mm or 0.3 rad farther from the device than at the start, and the device has moved
-///   by as much in that time, or nothing touches or holds the tool. Motion with which the link's pull does not change, as it is
-///   saturated, does not count.
+///   by as much in that time, or nothing touches or holds the tool. Motion with which the link's pull does not change,
+///   as it is saturated, does not count.
 class FreezeWatch {
  public:
   /// @param start  of the device: where the handle now hangs from it counts as no distance
