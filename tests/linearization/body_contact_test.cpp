@@ -5,6 +5,7 @@
 #include <functional>
 #include <string>
 
+#include "palpate/linearization/active_contacts.h"
 #include "palpate/linearization/linearize.h"
 #include "palpate/math/rotation.h"
 #include "palpate/study/check.h"
@@ -373,6 +374,42 @@ TEST(GivingWay, DiagonalModelFeelsTheToolAlone) {
   const double given_way = tool / (tool + block);
   EXPECT_NEAR(soft_block, rigid, 0.5 * given_way * rigid);
   EXPECT_GT(rigid, 0.5 * tool);
+}
+
+// Two contacts so near each other that W of both is singular but for a part in 10^10: their impulses are still those
+// that W says.
+TEST(ActiveContacts, NearlyRedundantOnesAreSolvedExactly) {
+  constexpr double kApart = 0x1p-33;
+  MatX w = MatX::Identity(6, 6);
+  w(0, 3) = w(3, 0) = 1.0;
+  w(3, 3) = 1.0 + kApart;
+  ActiveContacts active;
+  active.delassus = &w;
+  active.model = DelassusModel::exact;
+  active.law.contact = {0, 1};
+  active.law.b = active.law.c = Vec3::UnitX().replicate(1, 2);
+  active.law.d = VecX::Zero(2);
+  MatX given = MatX::Zero(6, 12);
+  given.row(3).setConstant(-kApart);  // of the impulses 1 and -1
+  const MatX found = active.impulseResponse(MatX::Zero(6, 12), given);
+  EXPECT_LT((found.row(0).array() - 1.0).abs().maxCoeff(), 0.01);
+  EXPECT_LT((found.row(3).array() + 1.0).abs().maxCoeff(), 0.01);
+}
+
+// It has no derivatives but rounding, which is no error.
+TEST(LinearizationCheck, TakesARigidToolInFreeMotion) {
+  World world;
+  world.link = {500, 2, 1, 1e-3};
+  BodyModel ball = BodyModel::rigid("probe", sphereSurface(0.01), 2000);
+  ball.holdRigid("grip", 0.02, Vec3::Zero(), expRotation({0.3, -0.2, 0.1}));
+  world.add(std::move(ball));
+  Pose device = world.tool().state.handle.pose;
+  device.position += Vec3(0.01, -0.02, 0.005);
+  LinearizationSettings settings;
+  settings.delassus = DelassusModel::exact;
+  const LinearizationCheck check = checkLinearization(world, {device, Vec6::Zero()}, kStep, settings);
+  EXPECT_LT(check.kx_frozen.worst(), 1e-6);
+  EXPECT_LT(check.kv_frozen.worst(), 1e-6);
 }
 
 }  // namespace

@@ -8,6 +8,7 @@
 
 #include "palpate/math/rotation.h"
 #include "palpate/mesh/shapes.h"
+#include "palpate/scene/reader.h"
 #include "palpate/study/examiner.h"
 #include "palpate/study/freeze_watch.h"
 #include "shared/held_scenes.h"
@@ -309,6 +310,39 @@ TEST(StressFailures, OneLineForEachCriterion) {
   bad.all.largest_energy_made = 0.0011;
   bad.rides[0].came_back = false;
   EXPECT_EQ(stressFailures(bad).size(), 4u);
+}
+
+// --- rides of a tool that the world moves
+
+// It never comes to rest, and hangs between hand and world: neither is a failure.
+TEST(StressRide, ADrivenToolComesBackToItsMotion) {
+  const SceneConfig config = readSceneFromString(R"(
+palpate: 1
+name: driven
+method: hsl
+tool:
+  shape: {bar: {size: [0.03, 0.03, 0.04], cells: [2, 2, 2]}}
+  material: {youngs_modulus: 2.0e5}
+  handles:
+    top: {region: {halfspace: {point: [0, 0, 0.0399], normal: [0, 0, 1]}}}
+  attachments:
+    foot:
+      region: {halfspace: {point: [0, 0, 0.0001], normal: [0, 0, -1]}}
+      motion: {period: 2, keyframes: [{t: 0}, {t: 1, position: [0, 0, 0.004]}, {t: 2}]}
+)",
+                                                 "driven");
+  BuiltScene scene = buildScene(config);
+  StressSettings settings;
+  settings.timing = timingOf(config);
+  settings.riding = true;
+  settings.rides = 1;
+  settings.motion.speed = 0.5;
+  settings.motion.ride = 1.2;  // ends half a period away from where the reference of a settled scene would be taken
+  const StressOutcome outcome = runStress(scene, settings);
+  EXPECT_TRUE(stressFailures(outcome).empty());
+  ASSERT_EQ(outcome.rides.size(), 1u);
+  EXPECT_EQ(outcome.rides[0].judge, RideJudge::reference);
+  EXPECT_TRUE(outcome.rides[0].came_back) << outcome.rides[0].handle_off;
 }
 
 }  // namespace
