@@ -41,6 +41,7 @@ Hdf5::Hdf5() {
   from.find(property_create, "H5Pcreate");
   from.find(property_close, "H5Pclose");
   from.find(set_chunk, "H5Pset_chunk");
+  from.find(set_chunk_cache, "H5Pset_chunk_cache");
   from.find(set_shuffle, "H5Pset_shuffle");
   from.find(set_deflate, "H5Pset_deflate");
   from.find(track_times, "H5Pset_obj_track_times");
@@ -65,6 +66,7 @@ Hdf5::Hdf5() {
   integer_type = value("H5T_STD_I64LE_g");
   text_type = value("H5T_C_S1_g");
   dataset_properties = value("H5P_CLS_DATASET_CREATE_ID_g");
+  dataset_access = value("H5P_CLS_DATASET_ACCESS_ID_g");
 }
 
 const Hdf5& Hdf5::library() {

@@ -19,6 +19,7 @@ struct Hdf5 {
   Id (*property_create)(Id kind) = nullptr;
   int (*property_close)(Id list) = nullptr;
   int (*set_chunk)(Id list, int rank, const Size* size) = nullptr;
+  int (*set_chunk_cache)(Id list, std::size_t slots, std::size_t bytes, double policy) = nullptr;
   int (*set_shuffle)(Id list) = nullptr;
   int (*set_deflate)(Id list, unsigned level) = nullptr;
   int (*track_times)(Id list, bool on) = nullptr;
@@ -37,7 +38,7 @@ struct Hdf5 {
   int (*type_close)(Id type) = nullptr;
 
   Id double_type = -1, integer_type = -1, text_type = -1;  ///< little-endian in the file and here: 64 bits; C text
-  Id dataset_properties = -1;                              ///< kind, for property_create
+  Id dataset_properties = -1, dataset_access = -1;         ///< kinds, for property_create
 
  private:
   Hdf5();

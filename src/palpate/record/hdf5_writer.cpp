@@ -83,7 +83,10 @@ void Hdf5Writer::create(Column& column, Hdf5::Id type) {
     hdf5_.set_shuffle(properties);
     hdf5_.set_deflate(properties, 1);
   }
-  column.dataset = hdf5_.dataset_create(file_, column.name.c_str(), type, space, kDefault, properties, kDefault);
+  const Hdf5::Id access = hdf5_.property_create(hdf5_.dataset_access);
+  hdf5_.set_chunk_cache(access, 1, 0, 1.0);  // none: a chunk is written when it is full, and what fails fails then
+  column.dataset = hdf5_.dataset_create(file_, column.name.c_str(), type, space, kDefault, properties, access);
+  hdf5_.property_close(access);
   hdf5_.property_close(properties);
   hdf5_.space_close(space);
   if (column.dataset < 0) fail();
