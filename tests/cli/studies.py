@@ -175,6 +175,15 @@ rejected_variants("study-rejects", {
 
 
 @case
+def study_of_the_documents(context):
+    """The example of docs/studies.md is a study, of as many cases as its values make."""
+    text = (context.source / "docs/studies.md").read_text()
+    example = re.search(r"```yaml\n(.*?)```", text, re.DOTALL).group(1).replace("../scenes", str(context.source / "scenes"))
+    output = context.succeeds(["study", "plan", context.file("study.yaml", example), "--out", context.out])
+    expect(f"{3 * 2 * 2 * 3} cases" in output, output)
+
+
+@case
 def study_folder_and_case_must_be_there(context):
     context.rejects(["study", "report", context.folder], ("study.json",))
     context.rejects(["study", "run", planned(context), "--case", "9"], ("no case 9", "1 to 8"))
