@@ -24,6 +24,7 @@ std::string limitsFrom(const std::string& text) {
   const std::size_t open = text.find_first_of("[{"), close = text.find_last_of("]}");
   if (open == std::string::npos || close == std::string::npos || close < open) return text;
   std::string inside = text.substr(open + 1, close - open - 1);
+  if (text[open] == '{') return CLI::detail::join(split(inside, ','), ", ");
   if (const std::size_t dash = inside.find(" - "); dash != std::string::npos) inside.replace(dash, 3, " to ");
   return inside;
 }
@@ -53,7 +54,7 @@ OptionDescription describe(CLI::Option& option) {
     if (!text.empty()) {
       limits.push_back(text);
       out.limits = limitsFrom(text);
-      if (text.starts_with("{")) out.words = split(out.limits, ',');
+      if (text.starts_with("{")) out.words = split(text.substr(1, text.size() - 2), ',');
     }
     if (validator->get_name().starts_with(kOffers))
       out.words = split(validator->get_name().substr(std::string(kOffers).size()), ',');
