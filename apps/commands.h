@@ -37,6 +37,8 @@ void addStressCommand(CLI::App& app);
 void addMeshCommand(CLI::App& app);
 void addValidateCommand(CLI::App& app);
 void addDevicesCommand(CLI::App& app);
+void addManualCommand(CLI::App& app);
+void addCompletionCommand(CLI::App& app);
 void addViewCommand(CLI::App& app);
 void addReplayCommand(CLI::App& app);
 void addExportCommand(CLI::App& app);
@@ -44,7 +46,5 @@ void addLatencyCommand(CLI::App& app);
 void addSoakCommand(CLI::App& app);
 void addStudyCommand(CLI::App& app);
 void addSchemaCommand(CLI::App& app);
-void addManualCommand(CLI::App& app);
-void addCompletionCommand(CLI::App& app);
 
 }  // namespace palpate
