@@ -27,6 +27,7 @@ mathjax2_config = {
 
 breathe_projects = {"palpate": os.environ["PALPATE_DOXYGEN_XML"]}
 breathe_default_project = "palpate"
+breathe_show_include = False
 
 html_theme = "furo"
 html_static_path = ["site.css"]
