@@ -15,7 +15,7 @@ import reporting
 LINK = re.compile(r"\[[^\]]*\]\(([^)\s]+)\)")
 FENCE = re.compile(r"^```.*?^```$|^    [^\n]*$", re.MULTILINE | re.DOTALL)
 CODE = re.compile(r"`([^`\n]+)`")
-PATH = re.compile(r"(include|src|apps|examples|packaging|tests|bench|fuzz|shared|tools|scenes|docs|web|cmake|figures)/[\w./*-]+")
+PATH = re.compile(r"(include|src|apps|python|examples|packaging|tests|bench|fuzz|shared|tools|scenes|docs|web|cmake|figures)/[\w./*-]+")
 
 
 def anchors(text):

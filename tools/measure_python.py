@@ -9,6 +9,7 @@ in microseconds, import in seconds.
 
 import argparse
 import json
+import os
 import pathlib
 import subprocess
 import sys
@@ -44,6 +45,16 @@ def step_times(scene, count):
     return 1e-3 * np.concatenate(ours), 1e-3 * np.concatenate(theirs)
 
 
+def rollout_times(scene, threads):
+    scene = scene.replaced(duration=2.0)
+    times = []
+    for count in (1, threads):
+        begin = time.perf_counter()
+        palpate.rollout([scene] * (4 * threads), threads=count)
+        times.append(time.perf_counter() - begin)
+    return times
+
+
 def import_times(module, times):
     code = f"import time; begin = time.perf_counter(); import {module}; print(time.perf_counter() - begin)"
     return [float(subprocess.run([sys.executable, "-c", code], capture_output=True, check=True).stdout) for _ in range(times)]
@@ -66,6 +77,8 @@ def main():
     result = {"scene": scene.name, "steps": len(python), "python_us": np.median(python), "cpp_us": np.median(cpp)}
     result["added_us"] = result["python_us"] - result["cpp_us"]
     result["tick_us"] = np.median(ticks)
+    result["threads"] = len(os.sched_getaffinity(0))
+    result["rollout_one_s"], result["rollout_all_s"] = rollout_times(scene, result["threads"])
     result["import_s"] = np.median(import_times("palpate", 11))
     result["import_numpy_s"] = np.median(import_times("numpy", 11))
     print(json.dumps(result))

@@ -28,13 +28,14 @@ class WorldOwner : public std::enable_shared_from_this<WorldOwner> {
   World& world() { return built.world; }
   /// Of the last step; the same object until the next one.
   std::shared_ptr<ContactsView> contacts();
-  /// Right before a step: whoever looks at the contacts of the last one keeps them.
+  /// Right before a step, and after it. Whoever looks at the contacts of the last one keeps them.
   void beginStep();
+  void endStep(const StepReport& report) { stepped_ = !report.failed(); }
   /// The state was set from outside: no step leads to it.
   void wasSet() { stepped_ = false; }
   /// @throws RuntimeError where there is no step to be looked at
   void requireStep() const {
-    if (!stepped_) throw std::runtime_error("no step() or evaluate() since the world was built or its state was set");
+    if (!stepped_) throw std::runtime_error("no step that went well since the world was built or its state was set");
   }
 
   /// While it lives, no other thread may use the world. @throws RuntimeError if one does
@@ -78,7 +79,7 @@ inline std::shared_ptr<ContactsView> WorldOwner::contacts() {
 inline void WorldOwner::beginStep() {
   if (const auto view = contacts_.lock()) view->take();
   contacts_.reset();
-  stepped_ = true;
+  stepped_ = false;
 }
 
 /// One body of a world.

@@ -175,7 +175,13 @@ class Run {
     trace_ = nullptr;
   }
 
-  std::int64_t tick() const { return static_cast<std::int64_t>(lockstep_->outcome().ticks); }
+  /// Next one; any thread.
+  std::int64_t tick() const { return tick_; }
+  void restore(const LockstepState& state) {
+    lockstep_->restore(state);
+    tick_ = state.tick;
+    owner_->wasSet();
+  }
   LockstepRun& lockstep() { return *lockstep_; }
   const std::shared_ptr<WorldOwner>& owner() const { return owner_; }
   SlowPythonDevice* slowDevice() const { return slow_; }
@@ -184,8 +190,14 @@ class Run {
  private:
   void setDevice(std::unique_ptr<Device> device) { owner_->built.device = std::move(device); }
   void begin() {
-    sink_.tick = [this](const TickRecord& r) { trace_->add(r); };
-    sink_.visual = [this](const VisualRecord& r) { trace_->add(r); };
+    sink_.tick = [this](const TickRecord& r) {
+      trace_->add(r);
+      ++tick_;
+    };
+    sink_.visual = [this](const VisualRecord& r) {
+      trace_->add(r);
+      owner_->endStep(r.step);
+    };
     owner_->beginStep();
     lockstep_.emplace(owner_->built, owner_->timing, sink_);
   }
@@ -194,14 +206,15 @@ class Run {
   SlowPythonDevice* slow_ = nullptr;
   RunSink sink_;
   Trace* trace_ = nullptr;
+  std::atomic<std::int64_t> tick_{0};
   std::optional<LockstepRun> lockstep_;
 };
 
 std::shared_ptr<Trace> advance(Run& run, std::int64_t ticks) {
   if (ticks < 0) throw py::value_error("ticks: must not be negative");
   auto trace = std::make_shared<Trace>();
-  const std::int64_t now = run.tick(), end = now + std::min(ticks, run.lockstep().ticks() - now);
   const WorldOwner::Use use(*run.owner());
+  const std::int64_t now = run.tick(), end = now + std::min(ticks, run.lockstep().ticks() - now);
   run.owner()->beginStep();
   Interrupts interrupts;
   run.sink().stopped = [&] { return (run.slowDevice() && run.slowDevice()->failed()) || interrupts.asked(); };
@@ -288,7 +301,7 @@ void runJob(Job& job, Builder& builder, const std::atomic<bool>& stopped) {
   if (job.start) {
     LockstepState state = *job.start;
     if (rows > 0) state.device = owner->built.device->save();  // not of this one
-    run.lockstep().restore(state);
+    run.restore(state);
   }
   run.runUntil(rows > 0 ? first + rows : run.lockstep().ticks(), *job.trace);
 }
@@ -506,8 +519,7 @@ void bindRun(py::module_& module) {
           "restore",
           [](Run& self, const LockstepState& state) {
             const WorldOwner::Use use(*self.owner());
-            self.lockstep().restore(state);
-            self.owner()->wasSet();
+            self.restore(state);
           },
           py::arg("state"), "Of a run of the same scene.");
   module.def("rollout", &rollout, py::arg("scene"), py::kw_only(), py::arg("motion") = py::none(),

@@ -134,7 +134,9 @@ StepReport step(WorldOwner& owner, py::handle target, py::handle length, int par
   const WorldOwner::Use use(owner);
   owner.beginStep();
   const py::gil_scoped_release release;
-  return owner.world().step(owner.target, h, parts);
+  const StepReport report = owner.world().step(owner.target, h, parts);
+  owner.endStep(report);
+  return report;
 }
 
 StepReport evaluate(WorldOwner& owner, py::handle target, py::handle length) {
@@ -143,7 +145,9 @@ StepReport evaluate(WorldOwner& owner, py::handle target, py::handle length) {
   const WorldOwner::Use use(owner);
   owner.beginStep();
   const py::gil_scoped_release release;
-  return owner.world().evaluate(owner.target, h);
+  const StepReport report = owner.world().evaluate(owner.target, h);
+  owner.endStep(report);
+  return report;
 }
 
 HandleModel linearizeWorld(WorldOwner& owner, double time) {
@@ -164,6 +168,7 @@ py::tuple visualStepOf(WorldOwner& owner, py::handle target, py::handle length, 
     owner.beginStep();
     const py::gil_scoped_release release;
     record = visualStep(owner.world(), owner.target, settings, time, before);
+    owner.endStep(record.step);
   }
   return py::make_tuple(record.model, record.step);
 }
@@ -190,6 +195,7 @@ std::vector<double> timeSteps(WorldOwner& owner, int count) {
     const auto end = std::chrono::steady_clock::now();
     times.push_back(std::chrono::duration<double, std::nano>(end - begin).count());
   }
+  owner.endStep(report);
   return times;
 }
 
