@@ -24,7 +24,7 @@ def main():
     folder = pathlib.Path(sys.argv[1]).resolve()
     here = pathlib.Path(__file__).resolve().parent
     environment = {**os.environ, "MYPYPATH": str(folder), "PYTHONPATH": str(folder), "MYPY_CACHE_DIR": str(folder.parent / "mypy")}
-    stubs = [sys.executable, "-m", "mypy.stubtest", "palpate", "--allowlist", here / "stubs_allowed.txt"]
+    stubs = [sys.executable, "-m", "mypy.stubtest", "palpate", "--ignore-unused-allowlist", "--allowlist", here / "stubs_allowed.txt"]
     program = [sys.executable, "-m", "mypy", "--strict", here / "typed_use.py"]
     return max(subprocess.run(c, env=environment, check=False).returncode for c in (stubs, program))
 

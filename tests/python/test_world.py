@@ -1,3 +1,4 @@
+import sys
 import threading
 import time
 import unittest
@@ -147,6 +148,43 @@ class Gil(unittest.TestCase):
         thread.join()
         self.assertGreater(elapsed, 0.02)
         self.assertGreater(during, elapsed / 0.05)
+
+    def test_each_job_lets_other_threads_run(self):
+        # nobody is made to give way, so others run only while the job itself releases the GIL
+        world, scene = pressed(), cube(duration=0.2)
+        jobs = {
+            "nothing": lambda: sum(range(100)),
+            "step": world.step,
+            "evaluate": world.evaluate,
+            "linearize": world.linearize,
+            "visual_step": world.visual_step,
+            "World": lambda: palpate.World(scene),
+            "Run": lambda: palpate.Run(scene),
+            "rollout": lambda: palpate.rollout(scene),
+        }
+        counts, done = [0], threading.Event()
+
+        def count():
+            while not done.is_set():
+                counts[0] += 1
+                time.sleep(1e-4)
+
+        before = sys.getswitchinterval()
+        thread = threading.Thread(target=count)
+        thread.start()
+        try:
+            sys.setswitchinterval(1000)
+            for name, job in jobs.items():
+                begin, end = counts[0], time.monotonic() + (0.05 if name == "nothing" else 20)
+                world.evaluate()
+                while counts[0] < begin + 3 and time.monotonic() < end:
+                    job()
+                with self.subTest(name):
+                    (self.assertLess if name == "nothing" else self.assertGreaterEqual)(counts[0], begin + 3)
+        finally:
+            sys.setswitchinterval(before)
+            done.set()
+            thread.join()
 
     def test_a_world_in_use_is_not_touched(self):
         run = palpate.Run(cube(method="vc", visual_dt=0.001, duration=8))
