@@ -69,9 +69,8 @@ std::unique_ptr<LoopOwner> loopOf(const WorldOwner& world, py::handle method) {
   return std::make_unique<LoopOwner>(settings);
 }
 
-TickRecord tick(LoopOwner& self, py::handle model, py::handle device, py::handle time) {
+TickRecord tick(LoopOwner& self, const HandleModel* newest, py::handle device, py::handle time) {
   const DeviceState sample = stateFrom(device, "device");
-  const HandleModel* newest = model.is_none() ? nullptr : model.cast<const HandleModel*>();
   if (!self.started) self.start(sample.pose, sample.pose, time.is_none() ? 0.0 : time.cast<double>());
   const double now = time.is_none() ? self.nextTime() : time.cast<double>();
   ++self.ticks;
@@ -137,8 +136,8 @@ void bindHaptics(py::module_& module) {
                   "With the settings of the world's scene, and its method unless one is given.")
       .def(
           "start",
-          [](LoopOwner& self, const Pose& device, py::handle proxy, double time) {
-            return copied(self.start(device, proxy.is_none() ? device : proxy.cast<Pose>(), time));
+          [](LoopOwner& self, const Pose& device, const Pose* proxy, double time) {
+            return copied(self.start(device, proxy == nullptr ? device : *proxy, time));
           },
           py::arg("device_pose"), py::arg("proxy_pose") = py::none(), py::arg("time") = 0.0,
           "Begins at rest, by default with the proxy where the device is; returns the wrench that is sent at first.")

@@ -16,6 +16,8 @@ void bindErrors(py::module_& module) {
       PyErr_SetString(PyExc_ValueError, e.what());
     } catch (const RunError& e) {
       run_error(e.what());
+    } catch (const pybind11::cast_error& e) {
+      PyErr_SetString(PyExc_TypeError, e.what());
     }
   });
 }

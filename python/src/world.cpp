@@ -128,10 +128,10 @@ double stepLength(py::handle step, const WorldOwner& owner) {
 }
 
 StepReport step(WorldOwner& owner, py::handle target, py::handle length, int parts) {
+  const WorldOwner::Use use(owner);
   if (!target.is_none()) owner.target = targetFrom(target);
   const double h = stepLength(length, owner);
   if (parts < 1 || parts > 1000) throw py::value_error("parts: must be from 1 to 1000");
-  const WorldOwner::Use use(owner);
   owner.beginStep();
   const py::gil_scoped_release release;
   const StepReport report = owner.world().step(owner.target, h, parts);
@@ -140,9 +140,9 @@ StepReport step(WorldOwner& owner, py::handle target, py::handle length, int par
 }
 
 StepReport evaluate(WorldOwner& owner, py::handle target, py::handle length) {
+  const WorldOwner::Use use(owner);
   if (!target.is_none()) owner.target = targetFrom(target);
   const double h = stepLength(length, owner);
-  const WorldOwner::Use use(owner);
   owner.beginStep();
   const py::gil_scoped_release release;
   const StepReport report = owner.world().evaluate(owner.target, h);
@@ -157,19 +157,20 @@ HandleModel linearizeWorld(WorldOwner& owner, double time) {
   return linearize(owner.world(), owner.built.linearization, time);
 }
 
-py::tuple visualStepOf(WorldOwner& owner, py::handle target, py::handle length, double time, py::handle previous) {
+py::tuple visualStepOf(WorldOwner& owner, py::handle target, py::handle length, double time,
+                       const HandleModel* previous) {
+  const WorldOwner::Use use(owner);
   if (!target.is_none()) owner.target = targetFrom(target);
   VisualStepSettings settings = visualSettings(owner.built, owner.timing);
   settings.step = stepLength(length, owner);
-  const HandleModel before = previous.is_none() ? HandleModel{} : previous.cast<HandleModel>();
+  const HandleModel before = previous == nullptr ? HandleModel{} : *previous;
   VisualRecord record;
+  owner.beginStep();
   {
-    const WorldOwner::Use use(owner);
-    owner.beginStep();
     const py::gil_scoped_release release;
     record = visualStep(owner.world(), owner.target, settings, time, before);
-    owner.endStep(record.step);
   }
+  owner.endStep(record.step);
   return py::make_tuple(record.model, record.step);
 }
 
@@ -335,6 +336,8 @@ void setState(const BodyView& self, py::handle positions, py::handle velocities)
   if (!positions.is_none()) state.positions = vectorFrom<VecX>(positions, "positions", state.positions.size());
   if (!velocities.is_none()) state.velocities = vectorFrom<VecX>(velocities, "velocities", state.velocities.size());
   if (!state.isFinite()) throw py::value_error("state: is not finite");
+  const BodyModel& model = self.body().model;
+  if (model.framed()) model.setHandle(state.handle, state);
   self.owner->world().setBody(self.index, state);
   self.owner->wasSet();
 }
@@ -437,7 +440,7 @@ void bindBody(py::module_& module) {
                              }),
                              "(6,) [m/s, rad/s], read-only view.")
       .def("set_state", &setState, py::arg("positions") = py::none(), py::arg("velocities") = py::none(),
-           "Puts the nodes elsewhere (nodes, 3) [m], [m/s]. Those on a handle follow it: see set_handle().")
+           "Puts the nodes elsewhere (nodes, 3) [m], [m/s]. Those on a handle stay on it: see set_handle().")
       .def("set_handle", &setHandle, py::arg("pose"), py::arg("twist") = py::none(),
            "Gives the handle of a held or rigid body a pose and a twist, and its nodes with it.")
       .def(

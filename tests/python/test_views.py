@@ -113,7 +113,11 @@ class Matrices(unittest.TestCase):
         # at the rest shape, where rotations do not matter to first order
         world = palpate.World(cube(handle="top"))
         tool = world.tool
+        nodes = tool.attached_nodes
+        tool.set_handle(palpate.Pose())  # whose frame is not turned at rest
+        tool.set_handle(palpate.Pose((tool.rest_positions - tool.positions)[nodes].mean(axis=0)))
         tool.set_state(tool.rest_positions, 0 * tool.velocities)
+        np.testing.assert_allclose(tool.positions, tool.rest_positions, atol=1e-12)
         stiffness = palpate.symmetric(tool.stiffness())
         rows = np.repeat(3 * tool.free_nodes, 3) + np.tile([0, 1, 2], len(tool.free_nodes))
         change = np.zeros(3 * tool.nodes)

@@ -55,6 +55,10 @@ class States(unittest.TestCase):
         np.testing.assert_allclose(tool.positions[nodes], before + [0.01, 0, 0], atol=1e-12)
         np.testing.assert_allclose(tool.velocities[nodes][:, 2], 1.0)
         np.testing.assert_array_equal(tool.handle_twist, [0, 0, 1, 0, 0, 0])
+        at = tool.positions.copy()
+        tool.set_state(at + 0.001)
+        np.testing.assert_allclose(tool.positions[nodes], at[nodes], atol=1e-15)
+        np.testing.assert_array_equal(tool.positions[tool.free_nodes], at[tool.free_nodes] + 0.001)
 
     def test_nothing_is_linearized_before_a_step(self):
         world = palpate.World(cube())
@@ -106,8 +110,9 @@ class Errors(unittest.TestCase):
         with self.assertRaisesRegex(ValueError, "no_such"):
             palpate.Scene("no_such.yaml")
         world = palpate.World(cube())
-        with self.assertRaises(TypeError):
-            world.step("up")
+        for job in (lambda: world.step("up"), lambda: world.step(step="long"), lambda: world.visual_step(previous=3)):
+            with self.assertRaises(TypeError):
+                job()
         for bad in (-1.0, 0.0, float("nan")):
             with self.assertRaisesRegex(ValueError, "step"):
                 world.step(step=bad)
