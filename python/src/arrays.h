@@ -24,7 +24,7 @@ py::array view(const T* data, std::vector<py::ssize_t> shape, std::vector<py::ss
   if (access == Access::read) {
     py::detail::array_proxy(array.ptr())->flags &= ~py::detail::npy_api::NPY_ARRAY_WRITEABLE_;
   }
-  return std::move(array);
+  return array;
 }
 
 /// Rows of three, one after the other: (n, 3).
@@ -84,12 +84,12 @@ py::array copied(const Eigen::MatrixBase<Derived>& m) {
   if constexpr (Derived::ColsAtCompileTime == 1) {
     py::array_t<double> out(m.size());
     Eigen::Map<VecX>(out.mutable_data(), m.size()) = m;
-    return std::move(out);
+    return out;
   } else {
     py::array_t<double> out({m.rows(), m.cols()});
     Eigen::Map<Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>>(out.mutable_data(), m.rows(),
                                                                                        m.cols()) = m;
-    return std::move(out);
+    return out;
   }
 }
 inline py::array copied(const Quat& q) { return copied(Vec4(q.w(), q.x(), q.y(), q.z())); }

@@ -371,7 +371,7 @@ py::array surfaceVertices(const BodyView& self) {
     for (std::size_t k = 0; k < 4; ++k) p += point.weights[k] * body.state.positions.segment<3>(3 * nodes[k]);
     target += 3;
   }
-  return std::move(out);
+  return out;
 }
 
 template <class Get>
