@@ -154,8 +154,7 @@ class Run {
   Run(std::shared_ptr<WorldOwner> owner, std::vector<DeviceState> motion) : owner_(std::move(owner)) {
     if (!motion.empty()) {
       owner_->timing.duration = static_cast<double>(motion.size()) * owner_->timing.haptic_step;
-      setDevice(std::make_unique<MotionDevice>(std::move(motion), 0, owner_->timing.haptic_step,
-                                               owner_->built.device->limits()));
+      follow(std::move(motion));
     }
     begin();
   }
@@ -168,6 +167,12 @@ class Run {
     begin();
   }
 
+  /// From the next tick on the device has these states, one a tick, and then stays in the last one.
+  void follow(std::vector<DeviceState> motion) {
+    if (slow_) throw py::value_error("motion: there is a slow_device already");
+    setDevice(std::make_unique<MotionDevice>(std::move(motion), tick_, owner_->timing.haptic_step,
+                                             owner_->built.device->limits()));
+  }
   /// Up to a tick, without it, or until told to stop. The caller holds no GIL.
   void runUntil(std::int64_t end, Trace& trace) {
     trace_ = &trace;
@@ -210,11 +215,29 @@ class Run {
   std::optional<LockstepRun> lockstep_;
 };
 
-std::shared_ptr<Trace> advance(Run& run, std::int64_t ticks) {
-  if (ticks < 0) throw py::value_error("ticks: must not be negative");
+// Rows of one run. @throws ValueError
+std::vector<DeviceState> motionFrom(py::handle motion) {
+  const DoubleArray array = doubles(motion, "motion");
+  checkMotion(array, 2);
+  return statesFrom(array.data(), array.shape(0), array.shape(1));
+}
+
+std::shared_ptr<Trace> advance(Run& run, py::handle ticks, py::handle motion) {
   auto trace = std::make_shared<Trace>();
   const WorldOwner::Use use(*run.owner());
-  const std::int64_t now = run.tick(), end = now + std::min(ticks, run.lockstep().ticks() - now);
+  const std::int64_t now = run.tick();
+  std::int64_t count = std::max<std::int64_t>(0, run.lockstep().ticks() - now);
+  if (!motion.is_none()) {
+    std::vector<DeviceState> states = motionFrom(motion);
+    count = static_cast<std::int64_t>(states.size());
+    run.follow(std::move(states));
+  }
+  if (!ticks.is_none()) {
+    const auto wanted = ticks.cast<std::int64_t>();
+    if (wanted < 0) throw py::value_error("ticks: must not be negative");
+    count = std::min(wanted, count);
+  }
+  const std::int64_t end = now + count;
   run.owner()->beginStep();
   Interrupts interrupts;
   run.sink().stopped = [&] { return (run.slowDevice() && run.slowDevice()->failed()) || interrupts.asked(); };
@@ -237,11 +260,7 @@ std::unique_ptr<Run> makeRun(const SceneConfig& scene, py::object motion, py::ob
     return std::make_unique<Run>(config, std::move(slow_device));
   }
   std::vector<DeviceState> states;
-  if (!motion.is_none()) {
-    const DoubleArray array = doubles(motion, "motion");
-    checkMotion(array, 2);
-    states = statesFrom(array.data(), array.shape(0), array.shape(1));
-  }
+  if (!motion.is_none()) states = motionFrom(motion);
   const py::gil_scoped_release release;
   return std::make_unique<Run>(scene, std::move(states));
 }
@@ -497,11 +516,13 @@ void bindRun(py::module_& module) {
            "motion: the device's pose (and twist) at each tick (ticks, 7 or 13), in place of the scene's device; the "
            "last row holds. slow_device: an object with sample(t) -> Pose or DeviceState and apply(wrench, t, dt); "
            "each tick then waits for Python, which is for teaching only. Releases the GIL while it builds.")
-      .def("advance", &advance, py::arg("ticks"),
-           "Runs so many ticks, or to the end, and returns their rows. Releases the GIL; Ctrl-C ends it.")
       .def(
-          "finish", [](Run& self) { return advance(self, std::numeric_limits<std::int64_t>::max()); },
-          "Runs to the end of the scene.")
+          "advance", &advance, py::arg("ticks") = py::none(), py::kw_only(), py::arg("motion") = py::none(),
+          "Runs so many ticks, at most to the end, and returns their rows. motion: of the device from now on, as for "
+          "the constructor; by default for as many ticks as it has, past the end of the scene as well. So a controller "
+          "may look at each visual step and say what the device does next. Releases the GIL; Ctrl-C ends it.")
+      .def(
+          "finish", [](Run& self) { return advance(self, py::none(), py::none()); }, "Runs to the end of the scene.")
       .def_property_readonly("tick", &Run::tick, "The next one.")
       .def_property_readonly(
           "ticks", [](Run& self) { return self.lockstep().ticks(); }, "Of the whole run.")

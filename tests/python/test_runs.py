@@ -53,6 +53,14 @@ class Runs(unittest.TestCase):
         self.assertEqual(len(whole.models), 25)
         np.testing.assert_array_equal(whole.models[3].force, whole.coupling[3])
 
+    def test_a_motion_may_come_bit_by_bit(self):
+        rows, scene = motion_rows(400), cube(duration=0.1)
+        whole, run = palpate.Run(scene, motion=rows).finish(), palpate.Run(scene)
+        parts = [run.advance(motion=rows[:150]), run.advance(33, motion=rows[150:200]), run.advance(motion=rows[183:])]
+        self.assertEqual(run.tick, 400)
+        np.testing.assert_array_equal(np.concatenate([p.ticks for p in parts]), whole.ticks)
+        self.assertEqual(len(run.finish()), 0)
+
     def test_restored_it_goes_on_to_the_bit(self):
         for method in ("live", "hsl"):
             scene = cube(method=method, device="simulated", duration=1.0)
