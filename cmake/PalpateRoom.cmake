@@ -222,11 +222,12 @@ function(palpate_library name)
   palpate_join(joined ${name} ${LIB_SOURCES})
   add_library(palpate_${name} SHARED ${joined})
   add_library(palpate::${LIB_SHOWN} ALIAS palpate_${name})
-  palpate_reuse_headers(palpate_${name} palpate_headers ${PALPATE_LIGHT})
-  target_compile_definitions(palpate_${name} PRIVATE PALPATE_WITHIN)
   if(PALPATE_PACKAGES)
-    target_compile_options(palpate_${name} PRIVATE -g) # what tools/check_abi reads; packages are stripped
+    palpate_reuse_headers(palpate_${name} palpate_headers -g) # for tools/check_abi; packages are stripped
+  else()
+    target_precompile_headers(palpate_${name} REUSE_FROM palpate_headers)
   endif()
+  target_compile_definitions(palpate_${name} PRIVATE PALPATE_WITHIN)
   target_compile_features(palpate_${name} INTERFACE cxx_std_20)
   target_include_directories(palpate_${name} PUBLIC $<BUILD_INTERFACE:${PROJECT_SOURCE_DIR}/include>
                                                     $<INSTALL_INTERFACE:${CMAKE_INSTALL_INCLUDEDIR}>)

@@ -4,6 +4,7 @@
 
 #include <cmath>
 #include <numeric>
+#include <thread>
 
 // What include/palpate/palpate.h promises, through the shared library.
 
@@ -280,6 +281,29 @@ TEST(LibraryRun, GoesOnFromASavedTickWithAnyMethod) {
     EXPECT_EQ(last, expected) << method;
     EXPECT_THROW(run.restore({}), InputError);
   }
+}
+
+TEST(LibraryRun, RunsOnSeveralThreadsDoNotDisturbEachOther) {
+  const auto lastForce = [] {
+    palpate::Vector6 last{};
+    RunOptions options;
+    options.tick = [&](const Tick& t) { last = t.sent; };
+    palpate::Run(Scene::parse(kCube), options).finish();
+    return last;
+  };
+  const palpate::Vector6 expected = lastForce();
+  std::array<palpate::Vector6, 4> found{};
+  std::vector<std::thread> threads;
+  for (palpate::Vector6& f : found) threads.emplace_back([&] { f = lastForce(); });
+  for (std::thread& t : threads) t.join();
+  for (const palpate::Vector6& f : found) EXPECT_EQ(f, expected);
+}
+
+TEST(LibraryRun, ADeviceOnADeskHasNoVirtualTime) {
+  Scene scene = Scene::parse(kCube);
+  scene.set("device", "{type: spacenavigator}");
+  EXPECT_THROW(palpate::Run{scene}, InputError);
+  EXPECT_NO_THROW(World{scene});  // has no use for it
 }
 
 TEST(LibraryRun, StopsWhenAsked) {

@@ -5,6 +5,7 @@
 #include "palpate/library/convert.h"
 #include "palpate/library/scene.h"
 #include "palpate/library/world.h"
+#include "palpate/scene/hardware.h"
 #include "palpate/session/lockstep.h"
 #include "palpate/session/realtime_loops.h"
 
@@ -15,12 +16,16 @@ using library::to;
 
 namespace {
 
+constexpr double kStartRamp = 1.5;  // with a hand on the device, as scene/hardware.cpp has it [s]
+
 // With the user's device in place of the scene's.
 SceneConfig configFor(SceneConfig config, const RunOptions& options) {
   if (!options.device) return config;
   config.device.kind = DeviceName::prescribed;
   config.device.limits = library::from(options.device->limits());
   config.link = config.link_given.over(linkForDevice(config.device.limits));
+  if (options.device->isReal() && config.safety.settings.start_ramp <= 0.0)
+    config.safety.settings.start_ramp = kStartRamp;
   return config;
 }
 
@@ -81,11 +86,13 @@ struct Run::Impl {
 
 Run::Run(const Scene& scene, RunOptions options)
     : impl_(guarded([&] {
-        auto impl = std::make_unique<Impl>(scene.impl_->config, std::move(options));
-        World::Impl& world = *impl->world.impl_;
-        if (world.scene.device->isReal()) {
-          throw palpate::InputError("device", world.scene.device->name(), "has no virtual time: Run::realtime()");
+        const SceneConfig& config = scene.impl_->config;
+        if (options.device ? options.device->isReal() : isHardware(config.device.kind)) {
+          throw palpate::InputError(config.file.string(), "device",
+                                    "a hand keeps no virtual time: use Run::realtime()");
         }
+        auto impl = std::make_unique<Impl>(config, std::move(options));
+        World::Impl& world = *impl->world.impl_;
         const ExecutorScope scope(impl->team());
         impl->run.emplace(world.scene, world.timing, impl->sink);
         return impl;
@@ -128,7 +135,9 @@ void Run::restore(const RunState& state) {
 
 RunSummary Run::realtime(const Scene& scene, RunOptions options) {
   return guarded([&] {
-    Impl impl(scene.impl_->config, std::move(options));
+    SceneConfig config = scene.impl_->config;
+    if (!options.device) openDevice(config);
+    Impl impl(config, std::move(options));
     World::Impl& world = *impl.world.impl_;
     const ExecutorScope scope(impl.team());
     return summaryOf(runRealtime(world.scene, world.timing, impl.sink));

@@ -9,7 +9,6 @@
 
 #include "palpate/library/convert.h"
 #include "palpate/scene/document.h"
-#include "palpate/scene/hardware.h"
 #include "palpate/scene/reader.h"
 #include "palpate/scene/save.h"
 

@@ -5,7 +5,6 @@
 
 #include "palpate/library/convert.h"
 #include "palpate/library/scene.h"
-#include "palpate/scene/hardware.h"
 #include "palpate/visual/visual_step.h"
 
 namespace palpate::v0 {
@@ -72,7 +71,8 @@ VisualStep visualStepOf(const VisualRecord& record) {
 }
 
 World::Impl::Impl(SceneConfig of, int threads) : config(std::move(of)) {
-  openDevice(config);
+  if (isHardware(config.device.kind) && !config.device.driver)
+    config.device.kind = DeviceName::prescribed;  // none here
   if (threads > 1) team = std::make_unique<ThreadTeam>(threads);
   const ExecutorScope scope(team.get());
   scene = buildScene(config);

@@ -10,7 +10,6 @@
 namespace palpate::v0 {
 
 struct World::Impl {
-  /// Opens the scene's device where it is one on a desk.
   Impl(SceneConfig of, int threads);
 
   SceneConfig config;
