@@ -8,6 +8,7 @@
 
 #include "palpate/common/error.h"
 #include "shared/haptic_models.h"
+#include "shared/live_examples.h"
 #include "shared/tick.h"
 
 namespace palpate {
@@ -312,6 +313,35 @@ TEST(LinkParameters, DefaultToWhatTheDeviceAllows) {
   touch.damping = 4.0;
   EXPECT_EQ(linkForDevice(touch).stiffness, 400.0);
   EXPECT_EQ(linkForDevice(touch).damping, 4.0);
+}
+
+// In real time the newest model is offered at each tick. One that is too old to be replayed is refused, once, and the
+// next one is taken.
+TEST(HapticLoop, RefusesALiveModelOnce) {
+  HapticSettings settings;
+  settings.rendering = Rendering::live;
+  HapticLoop loop(settings);
+  loop.start(Pose{}, Pose{}, 0.0);
+  LiveUpdate update{test::softTool(20, 3, 0, 3), {}};
+  update.model.index = 0;
+  update.state = startState(update.model);
+  int tick = 0;
+  const auto ticks = [&](int count, bool offered) {
+    for (const int end = tick + count; tick < end; ++tick) {
+      if (offered) loop.offer(update);
+      loop.tick(DeviceState{}, nullptr, tick * kDt);
+    }
+  };
+  ticks(5000, false);  // longer than the path is remembered
+  ticks(100, true);
+  EXPECT_EQ(loop.models().given, 1u);
+  EXPECT_EQ(loop.models().refused, 1u);
+  EXPECT_EQ(loop.counters()[TickFlag::model_rejected], 1u);
+  update.model.index = loop.path().end() - 3;
+  update.state = startState(update.model);
+  ticks(100, true);
+  EXPECT_EQ(loop.models().given, 2u);
+  EXPECT_EQ(loop.models().used, 1u);
 }
 
 }  // namespace

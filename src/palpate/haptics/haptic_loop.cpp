@@ -44,6 +44,7 @@ Vec6 HapticLoop::start(const Pose& device_pose, const Pose& proxy_pose, double n
   observer_.reset();
   counters_ = {};
   has_model_ = has_live_ = has_pending_ = false;
+  offered_ = HapticLoopState::kNoOffer;
   account_ = {};
   models_ = {};
   path_.clear();
@@ -82,9 +83,9 @@ TickRecord HapticLoop::tick(const DeviceState& sample, const HandleModel* newest
 }
 
 HapticLoopState HapticLoop::state() const noexcept {
-  return {filter_.state(), proxy_.state(),  safety_.state(),     observer_,  counters_,    model_,
-          has_model_,      live_[current_], live_[1 - current_], has_live_,  has_pending_, account_,
-          path_,           start_time_,     last_device_pose_,   last_sent_, last_time_,   models_};
+  return {filter_.state(), proxy_.state(),      safety_.state(), observer_,    counters_, model_,   has_model_,
+          live_[current_], live_[1 - current_], has_live_,       has_pending_, offered_,  account_, path_,
+          start_time_,     last_device_pose_,   last_sent_,      last_time_,   models_};
 }
 
 void HapticLoop::restore(const HapticLoopState& state) noexcept {
@@ -99,6 +100,7 @@ void HapticLoop::restore(const HapticLoopState& state) noexcept {
   live_[1 - current_] = state.pending;
   has_live_ = state.has_live;
   has_pending_ = state.has_pending;
+  offered_ = state.offered;
   account_ = state.account;
   path_ = state.path;
   start_time_ = state.start_time;
@@ -110,7 +112,10 @@ void HapticLoop::restore(const HapticLoopState& state) noexcept {
 
 void HapticLoop::change(Rendering rendering, double model_age_limit) noexcept {
   settings_.rendering = rendering;
-  if (rendering != Rendering::live) has_live_ = has_pending_ = false;
+  if (rendering != Rendering::live) {
+    has_live_ = has_pending_ = false;
+    offered_ = HapticLoopState::kNoOffer;
+  }
   settings_.safety.model_age_limit = model_age_limit;
   safety_.setModelAgeLimit(model_age_limit);
 }
@@ -147,12 +152,11 @@ const HandleModel* HapticLoop::takeModel(const HandleModel* newest, TickFlags& f
 }
 
 void HapticLoop::offer(const LiveUpdate& update) noexcept {
-  LiveUpdate& pending = live_[1 - current_];
-  if (has_live_ && update.model.index <= live_[current_].model.index) return;
-  if (has_pending_ && update.model.index <= pending.model.index) return;
+  if (update.model.index <= offered_) return;
+  offered_ = update.model.index;
   ++models_.given;
   if (has_pending_) ++models_.overtaken;
-  pending = update;
+  live_[1 - current_] = update;
   has_pending_ = true;
 }
 

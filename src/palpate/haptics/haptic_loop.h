@@ -1,6 +1,8 @@
 #pragma once
 
 #include <array>
+#include <cstdint>
+#include <limits>
 
 #include "palpate/haptics/coupling.h"
 #include "palpate/haptics/device_filter.h"
@@ -58,6 +60,7 @@ struct ModelAccount {
 /// All that a tick depends on besides its input and the settings: copied, and given back to a loop with the same
 /// settings, it makes the run go on to the bit.
 struct HapticLoopState {
+  static constexpr std::int64_t kNoOffer = std::numeric_limits<std::int64_t>::min();
   DeviceFilterState filter;
   ProxyState proxy;
   SafetyState safety;
@@ -67,6 +70,7 @@ struct HapticLoopState {
   bool has_model = false;
   LiveUpdate live, pending;  ///< in use; being replayed
   bool has_live = false, has_pending = false;
+  std::int64_t offered = kNoOffer;  ///< index of the newest live model that was given
   SwitchAccount account;
   HandlePath path;
   double start_time = 0.0;   ///< [s]
@@ -97,7 +101,7 @@ class HapticLoop {
   TickRecord tick(const DeviceState& sample, const HandleModel* newest, double now) noexcept;
 
   /// A live model for the next ticks, to be used once it is replayed to where the path ends. Between two ticks; copied.
-  /// One older than the one in use is left aside.
+  /// One that is no newer than the last is left aside: it may be offered again and again.
   void offer(const LiveUpdate& update) noexcept;
   /// Of the proxy, a point at each tick; the last is where the next tick begins.
   const HandlePath& path() const noexcept { return path_; }
@@ -144,6 +148,7 @@ class HapticLoop {
   std::array<LiveUpdate, 2> live_;  // the one in use, and the one that is being replayed
   std::size_t current_ = 0;
   bool has_live_ = false, has_pending_ = false;
+  std::int64_t offered_ = HapticLoopState::kNoOffer;
   LiveTick live_tick_;
   SwitchAccount account_;
   ModelAccount models_;
