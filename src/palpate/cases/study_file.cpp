@@ -95,16 +95,33 @@ void readMaterials(const Value& list, std::vector<MaterialVariant>& materials) {
   if (materials.empty()) list.fail("is empty; leave the key out, or give at least one");
 }
 
+/// Whether a value holds at most so many others, aliases written out: they are copied into each case.
+bool isSmall(const DocumentNode& node, int& left) {
+  if (--left < 0) return false;
+  for (const auto& item : node.items)
+    if (!isSmall(*item, left)) return false;
+  for (const auto& entry : node.entries)
+    if (!isSmall(*entry.value, left)) return false;
+  return true;
+}
+
+DocumentNode::Pointer readValue(const Value& value) {
+  int left = 1000;
+  DocumentNode::Pointer node = value.any();
+  if (!isSmall(*node, left)) value.fail("holds more than 1000 values");
+  return node;
+}
+
 std::vector<KeyVariants> readKeys(const Value& map, bool lists) {
   std::vector<KeyVariants> out;
   for (const auto& [key, value] : map.namedEntries(kMostKeys)) {
     KeyVariants& variants = out.emplace_back();
     variants.key = key;
     if (!lists) {
-      variants.values.push_back(value.any());
+      variants.values.push_back(readValue(value));
       continue;
     }
-    for (const Value& item : value.items(kMostValues)) variants.values.push_back(item.any());
+    for (const Value& item : value.items(kMostValues)) variants.values.push_back(readValue(item));
     if (variants.values.empty()) value.fail("is empty; at least one value is needed");
   }
   return out;
