@@ -2,7 +2,9 @@
 #include <spawn.h>
 #include <sys/wait.h>
 
+#include <algorithm>
 #include <cstdio>
+#include <filesystem>
 #include <map>
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -35,8 +37,11 @@ void plan(const StudyOptions& options) {
   const StudyConfig study = readStudy(options.study);
   const std::string out = options.out.empty() ? "out/study-" + study.name : options.out;
   const int cases = writePlan(study, out);
-  fmt::print("{}: {} {} in {}\npalpate study run {}, or there ./slurm.sh, ./parallel.sh, snakemake\n", study.name,
-             cases, cases == 1 ? "case" : "cases", out, out);
+  fmt::print("{}: {} {} in {}\n", study.name, cases, cases == 1 ? "case" : "cases", out);
+  std::error_code ignored;
+  if (std::filesystem::exists(caseFolder(out, cases + 1), ignored))
+    fmt::print("note: cases of an earlier plan, from {} on, are left there\n", cases + 1);
+  fmt::print("palpate study run {}, or there ./slurm.sh, ./parallel.sh, snakemake\n", out);
 }
 
 /// How a case that ran in this process ended; a failure is told, and the next one begins.
