@@ -135,7 +135,7 @@ std::vector<DeviceState> statesFrom(const double* rows, py::ssize_t count, py::s
 
 void checkMotion(const DoubleArray& motion, py::ssize_t dimensions) {
   const py::ssize_t columns = motion.ndim() > 0 ? motion.shape(motion.ndim() - 1) : 0;
-  if (motion.ndim() != dimensions || motion.shape(dimensions - 2) == 0 || (columns != 7 && columns != 13)) {
+  if (motion.ndim() != dimensions || motion.size() == 0 || (columns != 7 && columns != 13)) {
     throw py::value_error(
         "motion: rows are ticks, of x y z, qw qx qy qz and, where known, vx vy vz, wx wy wz: 7 or 13 columns");
   }

@@ -138,7 +138,12 @@ class Rollouts(unittest.TestCase):
         for trace, scene in zip(palpate.rollout(scenes), scenes):
             np.testing.assert_array_equal(trace.ticks, palpate.Run(scene).finish().ticks)
         self.assertEqual([len(t) for t in palpate.rollout(scenes, motion=motion_rows(50))], [50, 50])
-        for bad, cause in ((np.zeros((2, 5)), "columns"), (np.zeros((3, 5, 7)), "3 of them"), (np.full((5, 7), np.nan), "finite")):
+        for bad, cause in (
+            (np.zeros((2, 5)), "columns"),
+            (np.zeros((0, 5, 7)), "columns"),
+            (np.zeros((3, 5, 7)), "3 of them"),
+            (np.full((5, 7), np.nan), "finite"),
+        ):
             with self.assertRaisesRegex(ValueError, cause):
                 palpate.rollout(scenes, motion=bad)
         with self.assertRaises(ValueError):
