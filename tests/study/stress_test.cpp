@@ -77,11 +77,11 @@ TEST(SelfIntersections, AgreeWithEachPairByItself) {
 }
 
 TEST(SelfIntersections, LeaveOutWhatIsExcluded) {
-  Surface ball = sphereSurface(1, 2);
+  Surface ball = sphereSurface(1, 3);
   for (Vec3& p : ball.vertices) {
     if (p.z() > 0.5) p.z() -= 4.2 * (p.z() - 0.5);
   }
-  // groups of a few vertices; one pair in twelve is excluded: of two triangles with nine, about half
+  // groups of a few vertices; one pair of them in twelve is excluded
   const int count = static_cast<int>(ball.vertices.size()), groups = (count + 3) / 4;
   std::vector<int> group, offset{0}, neighbor;
   for (int v = 0; v < count; ++v) group.push_back(v / 4);
