@@ -39,27 +39,31 @@ endfunction()
 
 if(PALPATE_PROGRAM)
   palpate_package(palpate palpate science "" "soft objects held by a handle, felt at 1 kHz"
-                  "A person holds a soft object by a handle, pushes it into things and feels it at 1 kHz, while
-the whole scene (deformation, contact, friction) is simulated at 30 Hz.
-Program with a viewer in the browser, and scenes.")
+                  "A person holds a soft object by a handle, pushes it into things and feels
+it at 1 kHz, while the whole scene (deformation, contact, friction) is
+simulated at 30 Hz. Program with a viewer in the browser, and scenes.")
 endif()
 palpate_package(libpalpate0 libpalpate0 libs "libpalpate-haptics0 ${same}" "soft bodies in contact, felt through a handle"
-                "Scenes, their simulation, and small linear models of the force on a handle, for a haptic
-loop at 1 kHz. Shared library.")
+                "Scenes, their simulation, and small linear models of the force on a
+handle, for a haptic loop at 1 kHz. Shared library.")
 palpate_package(libpalpate-haptics0 libpalpate-haptics0 libs "" "haptic loop at 1 kHz for simulations at 30 Hz"
-                "Handle model, proxy, tick, safety stage and devices, to be used behind any simulation.
-Shared library.")
+                "Handle model, proxy, tick, safety stage and devices, to be used behind
+any simulation. Shared library.")
 palpate_package(libpalpate-dev libpalpate-dev libdevel "libpalpate0 ${same}, libpalpate-haptics0 ${same}"
                 "soft bodies in contact, felt through a handle (development)"
-                "Headers, CMake package and pkg-config files of libpalpate and libpalpate-haptics.")
+                "Headers, CMake package and pkg-config files of libpalpate and
+libpalpate-haptics.")
 if(TARGET palpate_python)
   palpate_package(python python3-palpate python "python3, python3-numpy, python3-scipy"
                   "soft bodies in contact, felt through a handle (Python 3)"
                   "Scenes, worlds, runs, handle models and the haptic loop, with NumPy views.")
 endif()
 
-foreach(component LIBPALPATE0 LIBPALPATE-HAPTICS0)
-  set(CPACK_DEBIAN_${component}_PACKAGE_GENERATE_SHLIBS ON)
-endforeach()
+# What needs these libraries needs this very version; ldconfig is run by a trigger.
+set(CPACK_DEBIAN_PACKAGE_GENERATE_SHLIBS ON)
 set(CPACK_DEBIAN_PACKAGE_GENERATE_SHLIBS_POLICY "=")
+foreach(component LIBPALPATE0 LIBPALPATE-HAPTICS0)
+  set(CPACK_DEBIAN_${component}_PACKAGE_CONTROL_EXTRA ${PROJECT_SOURCE_DIR}/packaging/triggers)
+endforeach()
+set(CPACK_POST_BUILD_SCRIPTS ${PROJECT_SOURCE_DIR}/packaging/use_triggers.cmake)
 include(CPack)
