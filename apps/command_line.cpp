@@ -177,6 +177,7 @@ void offerValues(Completions& out, const OptionDescription& option, const std::s
       {"FILE", {Paths::files, {}}},
       {"RUN", {Paths::files, {}}},
       {"SCENE", {Paths::files, {"yaml", "yml"}}},
+      {"STUDY", {Paths::files, {"yaml", "yml"}}},
       {"SURFACE", {Paths::files, {"obj", "stl", "ply", "off", "gltf", "glb", "3mf"}}}};
   const auto kind = kinds.find(option.value.substr(0, option.value.find("...")));
   if (kind != kinds.end()) std::tie(out.paths, out.endings) = kind->second;
