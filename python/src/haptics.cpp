@@ -94,7 +94,9 @@ py::dict countsOf(const TickCounters& counters) {
 }
 
 py::cpp_function wrenchOf(Vec6 TickRecord::*member) {
-  return [member](py::object self) { return eigenView(self.cast<const TickRecord&>().*member, self, Access::read); };
+  return [member](const py::object& self) {
+    return eigenView(self.cast<const TickRecord&>().*member, self, Access::read);
+  };
 }
 
 void bindRecord(py::module_& module) {

@@ -443,7 +443,7 @@ py::list rollout(py::handle scene, py::handle motion, py::handle state, py::hand
 
 template <class Get>
 auto ofTrace(Get get) {
-  return [get](py::object self) { return get(self.cast<const Trace&>(), self); };
+  return [get](const py::object& self) { return get(self.cast<const Trace&>(), self); };
 }
 
 py::array columnsOf(const Trace& trace, py::ssize_t first, py::ssize_t count, py::handle self) {

@@ -15,7 +15,7 @@ namespace {
 template <class T, class Member>
 void bindMember(py::class_<T>& bound, const char* name, Member T::*member, const char* doc) {
   bound.def_property(
-      name, [member](py::object self) { return eigenView(self.cast<T&>().*member, self, Access::write); },
+      name, [member](const py::object& self) { return eigenView(self.cast<T&>().*member, self, Access::write); },
       [member, name](T& self, py::handle value) {
         if constexpr (Member::ColsAtCompileTime == 6) {
           self.*member = mat6From(value, name);
@@ -42,7 +42,7 @@ std::string textOf(const Pose& pose) {
 
 void bindPoses(py::module_& module) {
   py::class_<Pose> pose(module, "Pose", "Position [m] and orientation of a frame in the world.");
-  pose.def(py::init([](py::object position, py::object rotation) {
+  pose.def(py::init([](const py::object& position, const py::object& rotation) {
              Pose out;
              if (!position.is_none()) out.position = vec3From(position, "position");
              if (!rotation.is_none()) out.rotation = rotationFrom(rotation, "rotation");
@@ -71,7 +71,7 @@ void bindPoses(py::module_& module) {
 
 void bindDeviceState(py::module_& module) {
   py::class_<DeviceState> device(module, "DeviceState", "What a device says at one instant; world frame.");
-  device.def(py::init([](const Pose& pose, py::object twist, std::uint32_t buttons) {
+  device.def(py::init([](const Pose& pose, const py::object& twist, std::uint32_t buttons) {
                DeviceState out;
                out.pose = pose;
                if (!twist.is_none()) out.twist = vec6From(twist, "twist");
@@ -122,7 +122,7 @@ void bindModel(py::module_& module) {
   model.def_readwrite("unsound", &HandleModel::unsound, "The step failed, was cut, or its contact was not solved.");
   model.def(
       "wrench",
-      [](const HandleModel& self, const Pose& pose, py::object twist) {
+      [](const HandleModel& self, const Pose& pose, const py::object& twist) {
         const Vec6 u = twist.is_none() ? self.twist : vec6From(twist, "twist");
         return copied(Vec6(self.force + self.kx * poseDifference(pose, self.pose) + self.kv * (u - self.twist)));
       },

@@ -76,7 +76,7 @@ SceneConfig sceneFromText(const std::string& text, const std::string& name, cons
 void bindScene(py::module_& module) {
   py::class_<SceneConfig, std::shared_ptr<SceneConfig>>(
       module, "Scene", "A scene as its file states it, checked. Does not change: replaced() makes another one.")
-      .def(py::init([](py::object file, const py::kwargs& options) {
+      .def(py::init([](const py::object& file, const py::kwargs& options) {
              SceneConfig config = readScene(py::str(file).cast<std::string>());
              applyOptions(config, options);
              return std::make_shared<SceneConfig>(std::move(config));
@@ -84,7 +84,7 @@ void bindScene(py::module_& module) {
            py::arg("file"))
       .def_static(
           "from_text",
-          [](const std::string& text, const std::string& name, py::object folder, const py::kwargs& options) {
+          [](const std::string& text, const std::string& name, const py::object& folder, const py::kwargs& options) {
             SceneConfig config = sceneFromText(text, name, py::str(folder).cast<std::string>());
             applyOptions(config, options);
             return std::make_shared<SceneConfig>(std::move(config));
@@ -202,6 +202,7 @@ std::vector<double> timeSteps(WorldOwner& owner, int count) {
 
 std::vector<BodyView> bodiesOf(const std::shared_ptr<WorldOwner>& owner) {
   std::vector<BodyView> out;
+  out.reserve(static_cast<std::size_t>(owner->world().bodies()));
   for (int i = 0; i < owner->world().bodies(); ++i) out.push_back({owner, i});
   return out;
 }
@@ -376,7 +377,7 @@ py::array surfaceVertices(const BodyView& self) {
 
 template <class Get>
 auto ofBody(Get get) {
-  return [get](py::object self) { return get(self.cast<const BodyView&>().body(), self); };
+  return [get](const py::object& self) { return get(self.cast<const BodyView&>().body(), self); };
 }
 
 void bindBody(py::module_& module) {
@@ -445,7 +446,7 @@ void bindBody(py::module_& module) {
            "Gives the handle of a held or rigid body a pose and a twist, and its nodes with it.")
       .def(
           "system",
-          [](py::object self) {
+          [](const py::object& self) {
             const auto& body = self.cast<const BodyView&>();
             const WorldOwner::Use use(*body.owner);
             body.owner->requireStep();
@@ -476,7 +477,7 @@ py::array fieldView(const std::vector<Row>& rows, const Number* first, py::ssize
 
 template <class Get>
 auto ofContacts(Get get) {
-  return [get](py::object self) { return get(self.cast<const ContactsView&>().set(), self); };
+  return [get](const py::object& self) { return get(self.cast<const ContactsView&>().set(), self); };
 }
 
 void bindContacts(py::module_& module) {
@@ -538,11 +539,11 @@ void bindContacts(py::module_& module) {
   py::class_<IslandView>(module, "Island", "Contacts that act on one another.")
       .def_property_readonly(
           "contacts",
-          [](py::object self) { return vectorView(self.cast<const IslandView&>().island().contacts, self); },
+          [](const py::object& self) { return vectorView(self.cast<const IslandView&>().island().contacts, self); },
           "Indices of its contacts, int32, read-only view.")
       .def_property_readonly(
           "W",
-          [](py::object self) {
+          [](const py::object& self) {
             // symmetric, so its columns may be taken for rows
             const MatX& w = self.cast<const IslandView&>().island().delassus;
             constexpr py::ssize_t kSize = sizeof(double);
