@@ -7,7 +7,6 @@ target_compile_options(palpate_options INTERFACE -Wall -Wextra -Wshadow -Wconver
                                                  -fno-math-errno)
 # what is rounded follows from the source, not from what is inlined where; a room may say otherwise
 add_compile_options(-ffp-contract=off)
-add_compile_options(-fPIC) # the Python module is made of the rooms
 if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
   # GCC 12 gives false alarms inside its own AVX-512 headers, Eigen and std::string (GCC bugs 105593, 105651)
   target_compile_options(palpate_options INTERFACE -Wno-maybe-uninitialized -Wno-uninitialized -Wno-restrict
