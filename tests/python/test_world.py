@@ -180,8 +180,8 @@ class Gil(unittest.TestCase):
         try:
             sys.setswitchinterval(1000)
             for name, job in jobs.items():
+                world.evaluate()  # which lets the other thread get to its sleep
                 begin, end = counts[0], time.monotonic() + (0.05 if name == "nothing" else 20)
-                world.evaluate()
                 while counts[0] < begin + 3 and time.monotonic() < end:
                     job()
                 with self.subTest(name):
