@@ -87,7 +87,8 @@ void judge(const SoakSettings& settings, SoakOutcome& out) {
   const auto fail = [&](const std::string& line) { out.failures.push_back(line); };
   if (!out.run.failure.empty()) fail(out.run.failure);
   if (out.not_finite > 0) fail(fmt::format("{} ticks or steps were not finite", out.not_finite));
-  if (out.memory_growth > settings.memory_limit) {
+  constexpr double kEarly = 600;  // [s]
+  if (out.memory_growth > (settings.duration < kEarly ? settings.early_limit : settings.memory_limit)) {
     fail(fmt::format("memory grows steadily, by {:.2f} MiB", out.memory_growth));
   }
   const ModelTraffic& models = out.run.models;

@@ -17,6 +17,7 @@ struct SoakSettings {
   double duration = 3600;     ///< [s]
   double hand_time = 20;      ///< after which another hand takes the device [s]
   double memory_limit = 1.0;  ///< steady growth of what the process has in memory, in the whole run [MiB]
+  double early_limit = 8.0;   ///< the same in less than ten minutes, while workspaces still find their size [MiB]
 };
 
 /// How a soak went.
