@@ -119,6 +119,12 @@ class Shell:
     def type(self, text):
         os.write(self.terminal, text.encode())
 
+    def completes(self, typed, line):
+        """Tab completes what is the only one; `echo` shows what the line has become."""
+        self.type(f"{typed}\x01echo \x05 ''end\r")
+        text = self.until(r"\nend|[^']end\r")
+        expect(f"\n{line}" in text.replace("\r", "").replace(" end", ""), f"{typed!r} became {text!r}")
+
     def close(self):
         os.kill(self.process, signal.SIGKILL)
         os.waitpid(self.process, 0)
@@ -152,13 +158,10 @@ def completion_at_a_bash_prompt(context):
     try:
         shell.type("PS1='> '; bind 'set enable-bracketed-paste off'; source <(palpate completion bash); echo rea''dy\r")
         shell.until("ready")
-        # Tab completes what is the only one; `echo` shows what the line has become
         for typed, line in (("palpate eval\t--methods=li\t", "palpate evaluate --methods=live"),
                             ("palpate run al\t--out fo\t", "palpate run alpha.yaml --out folder/"),
                             ("palpate run --device=reco\tx.csv", "palpate run --device=recorded:x.csv")):
-            shell.type(f"{typed}\x01echo \x05 ''end\r")
-            text = shell.until(r"\nend|[^']end\r")
-            expect(f"\n{line}" in text.replace("\r", "").replace(" end", ""), f"{typed!r} became {text!r}")
+            shell.completes(typed, line)
     finally:
         shell.close()
 
@@ -177,9 +180,7 @@ def completion_in_zsh(context):
                             ("palpate run al\t--out fo\t", "palpate run alpha.yaml --out folder"),
                             ("palpate run --device reco\tx.csv", "palpate run --device recorded:x.csv"),
                             ("palpate mesh emb\t", "palpate mesh embed")):
-            shell.type(f"{typed}\x01echo \x05 ''end\r")
-            text = shell.until(r"\nend|[^']end\r")
-            expect(f"\n{line}" in text.replace("\r", "").replace(" end", ""), f"{typed!r} became {text!r}")
+            shell.completes(typed, line)
     finally:
         shell.close()
 
