@@ -82,52 +82,33 @@ inline v0::Tick to(const TickRecord& r) {
           to(r.sent), r.model_age,  r.delivered_energy, r.flags.bits()};
 }
 
-inline SafetySettings from(const v0::Safety& s) {
-  SafetySettings out{s.peak_force,
-                     s.peak_torque,
-                     s.max_slew,
-                     s.max_torque_slew,
-                     s.start_ramp,
-                     s.model_age_limit,
-                     s.model_decay,
-                     s.gap_limit,
-                     s.gap_ramp,
-                     s.end_fade,
-                     {},
-                     {},
-                     {}};
-  const v0::Passivity& p = s.passivity;
+// Either way: the fields of both have the same order.
+template <typename Out, typename In>
+Out safetyAs(const In& s) {
+  Out out{s.peak_force,
+          s.peak_torque,
+          s.max_slew,
+          s.max_torque_slew,
+          s.start_ramp,
+          s.model_age_limit,
+          s.model_decay,
+          s.gap_limit,
+          s.gap_ramp,
+          s.end_fade,
+          {},
+          {},
+          {}};
+  const auto& p = s.passivity;
   out.passivity = {p.enabled, p.allowance, p.max_damping, p.max_rotational_damping, p.quiet_speed, p.quiet_spin};
-  const v0::Oscillation& o = s.oscillation;
+  const auto& o = s.oscillation;
   out.oscillation = {o.enabled, o.band, o.window, o.windows, o.power, o.fade, o.rest, o.ramp, o.share, o.recovery};
-  const v0::Presence& h = s.presence;
+  const auto& h = s.presence;
   out.presence = {h.dead_man,  h.start_gate, h.push,      h.push_time,    h.push_travel,  h.calm_speed,
                   h.calm_time, h.gate_ramp,  h.workspace, h.frozen_limit, h.frozen_force, h.fade};
   return out;
 }
-inline v0::Safety to(const SafetySettings& s) {
-  v0::Safety out{s.peak_force,
-                 s.peak_torque,
-                 s.max_slew,
-                 s.max_torque_slew,
-                 s.start_ramp,
-                 s.model_age_limit,
-                 s.model_decay,
-                 s.gap_limit,
-                 s.gap_ramp,
-                 s.end_fade,
-                 {},
-                 {},
-                 {}};
-  const PassivitySettings& p = s.passivity;
-  out.passivity = {p.enabled, p.allowance, p.max_damping, p.max_rotational_damping, p.quiet_speed, p.quiet_spin};
-  const OscillationSettings& o = s.oscillation;
-  out.oscillation = {o.enabled, o.band, o.window, o.windows, o.power, o.fade, o.rest, o.ramp, o.share, o.recovery};
-  const PresenceSettings& h = s.presence;
-  out.presence = {h.dead_man,  h.start_gate, h.push,      h.push_time,    h.push_travel,  h.calm_speed,
-                  h.calm_time, h.gate_ramp,  h.workspace, h.frozen_limit, h.frozen_force, h.fade};
-  return out;
-}
+inline SafetySettings from(const v0::Safety& s) { return safetyAs<SafetySettings>(s); }
+inline v0::Safety to(const SafetySettings& s) { return safetyAs<v0::Safety>(s); }
 
 inline ProxySettings from(const v0::Proxy& p) {
   return {p.mass,     from(p.inertia), from(p.gravity), p.max_stretch,
