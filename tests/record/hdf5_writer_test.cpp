@@ -10,8 +10,8 @@
 #include <string>
 #include <vector>
 
+#include "palpate/common/dynamic_library.h"
 #include "palpate/common/error.h"
-#include "palpate/devices/dynamic_library.h"
 
 namespace palpate {
 namespace {

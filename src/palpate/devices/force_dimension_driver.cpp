@@ -9,8 +9,8 @@
 #include <chrono>
 #include <cmath>
 
+#include "palpate/common/dynamic_library.h"
 #include "palpate/common/error.h"
-#include "palpate/devices/dynamic_library.h"
 
 namespace palpate {
 namespace {

@@ -8,8 +8,8 @@
 #include <cmath>
 #include <thread>
 
+#include "palpate/common/dynamic_library.h"
 #include "palpate/common/error.h"
-#include "palpate/devices/dynamic_library.h"
 
 namespace palpate {
 namespace {

@@ -2,8 +2,8 @@
 
 #include <fmt/format.h>
 
+#include "palpate/common/dynamic_library.h"
 #include "palpate/common/error.h"
-#include "palpate/devices/dynamic_library.h"
 
 namespace palpate {
 namespace {

@@ -5,7 +5,8 @@
 
 namespace palpate {
 
-/// A vendor's library, loaded when it is asked for and never unloaded: a second load of some is known to fail.
+/// A library (a vendor's, HDF5), loaded when it is asked for and never unloaded: a second load of some is known to
+/// fail.
 class DynamicLibrary {
  public:
   /// The first of the names that can be loaded. @throws RunError with what the loader says of each

@@ -1,4 +1,4 @@
-#include "palpate/devices/dynamic_library.h"
+#include "palpate/common/dynamic_library.h"
 
 #include <dlfcn.h>
 
