@@ -62,6 +62,8 @@ endfunction()
 set(CMAKE_POSITION_INDEPENDENT_CODE ON)
 set(CMAKE_CXX_VISIBILITY_PRESET hidden)
 set(CMAKE_VISIBILITY_INLINES_HIDDEN ON)
+# Make, too, may compile a room while those that it depends on are still at work: no room makes headers for another.
+set(CMAKE_OPTIMIZE_DEPENDENCIES ON)
 palpate_precompiled(palpate_headers)
 if(CMAKE_CXX_COMPILER_ID MATCHES "Clang")
   set(PALPATE_ANY_HEADERS -Xclang -fno-validate-pch)

@@ -16,8 +16,8 @@ namespace palpate {
 namespace {
 
 // The library's functions, declared after its public documentation; the last argument is the device, -1 the default.
-struct Library {
-  explicit Library(const std::vector<std::string>& names) : library(names) {
+struct ForceDimensionLibrary {
+  explicit ForceDimensionLibrary(const std::vector<std::string>& names) : library(names) {
     library.find(getDeviceCount, "dhdGetDeviceCount");
     library.findIfThere(getAvailableCount, "dhdGetAvailableCount");
     library.findIfThere(drdOpenId, "drdOpenID");
@@ -106,7 +106,7 @@ constexpr std::array<Model, 5> kModels{{{"omega", 12, 0, 5000, 0.075},
                                         {"falcon", 8, 0, 3000, 0.04}}};
 constexpr Model kUnknown{"", 4, 0, 1000, 0.04};
 
-enum Status { kPower = 0, kConnected = 1, kForce = 5, kError = 9, kForceOffCause = 14, kStatusSize = 32 };
+enum Status { kPower = 0, kConnected = 1, kForceOn = 5, kError = 9, kForceOffCause = 14, kStatusSize = 32 };
 
 const char* causeText(int cause) {
   switch (cause) {
@@ -320,7 +320,7 @@ class ForceDimensionDriver final : public DeviceDriver {
     if (lib_.getStatus(status, kId) < 0) return "the device does not say how it is";
     if (!status[kConnected]) return "it is not connected";
     if (!status[kPower]) return "it has no power";
-    if (status[kForce]) {
+    if (status[kForceOn]) {
       forces_off_ = false;
       return nullptr;
     }
@@ -350,7 +350,7 @@ class ForceDimensionDriver final : public DeviceDriver {
     trouble_.store(what, std::memory_order_relaxed);
   }
 
-  Library lib_;
+  ForceDimensionLibrary lib_;
   DriverInfo info_;
   bool with_drd_ = false, running_ = false, enabled_ = false, forces_off_ = false;
   int bad_ = 0, causes_ = 0, refused_ = 0, saturated_ = 0;

@@ -5,15 +5,7 @@
 #include <sched.h>
 
 #include <atomic>
-#include <boost/asio/connect.hpp>
-#include <boost/asio/io_context.hpp>
-#include <boost/asio/ip/tcp.hpp>
-#include <boost/beast/core/flat_buffer.hpp>
-#include <boost/beast/core/tcp_stream.hpp>
-#include <boost/beast/http.hpp>
-#include <boost/beast/websocket/stream.hpp>
 #include <chrono>
-#include <deque>
 #include <map>
 #include <mutex>
 #include <optional>
@@ -21,23 +13,17 @@
 
 #include "palpate/common/error.h"
 #include "palpate/devices/inverse3_messages.h"
+#include "palpate/devices/web_socket.h"
 #include "palpate/haptics/exchange.h"
 
 namespace palpate {
 namespace {
 
-namespace asio = boost::asio;
-namespace beast = boost::beast;
-namespace http = boost::beast::http;
-namespace websocket = boost::beast::websocket;
-using Error = boost::system::error_code;
-using Tcp = asio::ip::tcp;
+using Error = WebSocket::Error;
+namespace errc = boost::system::errc;
 using Clock = std::chrono::steady_clock;
 using std::chrono::milliseconds;
 
-constexpr milliseconds kConnectTime{2000};
-constexpr milliseconds kLateTime{50};            // an answer later than this is late
-constexpr milliseconds kAnswerTime{500};         // one that has not come by now never will
 constexpr milliseconds kWatchdogTime{50};        // without a new wrench: zero
 constexpr milliseconds kRetryTime{250};          // between two looks for a device that is away
 constexpr std::int64_t kFreshTime = 20'000'000;  // a state is of now for so long [ns]
@@ -45,161 +31,6 @@ constexpr double kGateForce = 0.1;               // that must come back before a
 constexpr int kGateAnswers = 40;                 // within so many
 
 std::int64_t now() { return std::chrono::nanoseconds(Clock::now().time_since_epoch()).count(); }
-
-/// One io_context for one thread: what is started on it either ends within its time or is cut.
-class Waiting {
- public:
-  asio::io_context& io() { return io_; }
-
-  /// @param start  begins an operation with the handler it is given
-  /// @param cut    ends it early
-  template <typename Start, typename Cut>
-  Error wait(milliseconds time, Start&& start, Cut&& cut) {
-    bool done = false;
-    Error result;
-    start([&](Error error, auto&&...) {
-      done = true;
-      result = error;
-    });
-    if (until(done, Clock::now() + time)) return result;
-    cut();
-    until(done, Clock::now() + milliseconds(1000));
-    return asio::error::timed_out;
-  }
-  bool until(const bool& done, Clock::time_point deadline) {
-    io_.restart();
-    while (!done && io_.run_one_until(deadline) > 0) {
-    }
-    return done;
-  }
-
- private:
-  asio::io_context io_;
-};
-
-Error connect(Waiting& waiting, beast::tcp_stream& stream, const std::string& host, int port) {
-  Tcp::resolver resolver(waiting.io());
-  Error error;
-  const auto found = resolver.resolve(host, std::to_string(port), error);
-  if (error) return error;
-  stream.expires_never();
-  error = waiting.wait(
-      kConnectTime, [&](auto done) { stream.async_connect(found, done); }, [&] { stream.close(); });
-  if (!error) stream.socket().set_option(Tcp::no_delay(true), error);
-  return error;
-}
-
-// Body of the answer to a GET, or none.
-std::string get(const std::string& host, int port, const std::string& path) {
-  Waiting waiting;
-  beast::tcp_stream stream(waiting.io());
-  if (connect(waiting, stream, host, port)) return {};
-  http::request<http::empty_body> request(http::verb::get, path, 11);
-  request.set(http::field::host, host);
-  const auto cut = [&] { stream.close(); };
-  if (waiting.wait(
-          kConnectTime, [&](auto done) { http::async_write(stream, request, done); }, cut))
-    return {};
-  beast::flat_buffer buffer(1 << 16);
-  http::response<http::string_body> answer;
-  if (waiting.wait(
-          kConnectTime, [&](auto done) { http::async_read(stream, buffer, answer, done); }, cut))
-    return {};
-  return answer.result() == http::status::ok ? answer.body() : std::string();
-}
-
-/// A WebSocket with one text message at a time.
-class Socket {
- public:
-  explicit Socket(Waiting& waiting) : waiting_(waiting), stream_(waiting.io()) {}
-  ~Socket() { inbox_->alive = false; }
-  Socket(const Socket&) = delete;
-  Socket& operator=(const Socket&) = delete;
-
-  Error open(const std::string& host, int port) {
-    if (const Error error = connect(waiting_, stream_.next_layer(), host, port)) return error;
-    stream_.set_option(websocket::stream_base::timeout{kConnectTime, websocket::stream_base::none(), false});
-    stream_.read_message_max(1 << 20);
-    stream_.text(true);
-    return waiting_.wait(
-        kConnectTime, [&](auto done) { stream_.async_handshake(host + ":" + std::to_string(port), "/", done); },
-        [&] { cut(); });
-  }
-  Error send(const std::string& message) {
-    return waiting_.wait(
-        kAnswerTime, [&](auto done) { stream_.async_write(asio::buffer(message), done); }, [&] { cut(); });
-  }
-  /// @param late      called once if it takes longer than kLateTime
-  /// @param given_up  before the connection is cut, as nothing has come for kAnswerTime
-  template <typename Late, typename GivenUp>
-  Error receive(std::string& message, Late&& late, GivenUp&& given_up) {
-    if (!reading_) {  // from now on always, so that what comes unasked shows
-      reading_ = true;
-      listen([inbox = inbox_.get()](std::string_view text) {
-        inbox->messages.emplace_back(text);
-        inbox->ready = true;
-      });
-    }
-    const auto begin = Clock::now();
-    if (!waiting_.until(inbox_->ready, begin + kLateTime)) {
-      late();
-      if (!waiting_.until(inbox_->ready, begin + kAnswerTime)) {
-        given_up();
-        cut();
-        return asio::error::timed_out;
-      }
-    }
-    if (inbox_->messages.empty()) return inbox_->error;
-    message = std::move(inbox_->messages.front());
-    inbox_->messages.pop_front();
-    inbox_->ready = !inbox_->messages.empty() || inbox_->error;
-    return {};
-  }
-  /// Reads again and again, until the socket is cut.
-  template <typename Heard>
-  void listen(Heard heard) {
-    stream_.async_read(buffer_, [this, heard, inbox = inbox_](Error error, std::size_t) {
-      if (!inbox->alive) return;
-      if (error) {
-        inbox->error = error;
-        inbox->ready = true;
-        return;
-      }
-      heard(std::string_view(static_cast<const char*>(buffer_.data().data()), buffer_.size()));
-      buffer_.clear();
-      listen(heard);
-    });
-  }
-  /// What listens hears no more.
-  bool ended() const { return inbox_->error.failed(); }
-  /// Something has come that nobody has asked for.
-  bool hasMore() {
-    waiting_.io().restart();
-    waiting_.io().poll();
-    return !inbox_->messages.empty();
-  }
-  void close() {
-    waiting_.wait(
-        milliseconds(200), [&](auto done) { stream_.async_close(websocket::close_code::normal, done); },
-        [&] { cut(); });
-  }
-  void cut() { stream_.next_layer().close(); }
-
- private:
-  /// Outlives the socket as long as a read is under way.
-  struct Inbox {
-    std::deque<std::string> messages;
-    Error error;
-    bool ready = false;  // there is a message or an error
-    bool alive = true;
-  };
-
-  Waiting& waiting_;
-  websocket::stream<beast::tcp_stream> stream_;
-  beast::flat_buffer buffer_;
-  std::shared_ptr<Inbox> inbox_ = std::make_shared<Inbox>();
-  bool reading_ = false;
-};
 
 const char* objectionTo(bool powered, bool calibrated, bool ready, bool started) {
   if (!powered) return "the Inverse3 has no power supply";
@@ -230,10 +61,10 @@ struct Wanted {
 class Inverse3Driver final : public DeviceDriver {
  public:
   Inverse3Driver(const Settings& settings, OpenFor purpose) : settings_(settings) {
-    version_ = get(settings.host, settings.http_port, "/version");
+    version_ = httpGet(settings.host, settings.http_port, "/version");
     version_ = readServiceVersion(version_);
     if (version_.empty() && settings.http_port != 10000 && settings.port == 10001) {
-      version_ = readServiceVersion(get(settings.host, 10000, "/version"));
+      version_ = readServiceVersion(httpGet(settings.host, 10000, "/version"));
     }
     spelling_ = spellingOf(version_);
     std::string reason = connectService();
@@ -279,12 +110,12 @@ class Inverse3Driver final : public DeviceDriver {
 
   // The socket and the inventory. @returns why not, or nothing
   std::string connectService() {
-    socket_ = std::make_unique<Socket>(waiting_);
+    socket_ = std::make_unique<WebSocket>(sockets_);
     if (const Error error = socket_->open(settings_.host, settings_.port)) {
-      std::string out = error == asio::error::connection_refused
+      std::string out = error == errc::connection_refused
                             ? fmt::format("nothing listens at {}: is the Haply service running?", where())
                             : fmt::format("no connection to {}: {}", where(), error.message());
-      if (settings_.port == 10001 && Socket(waiting_).open(settings_.host, 10000) == Error()) {
+      if (settings_.port == 10001 && WebSocket(sockets_).open(settings_.host, 10000) == Error()) {
         out =
             fmt::format("the service at {} speaks the legacy format 3.0 on port 10000 only: update it to 3.1 or later",
                         settings_.host);
@@ -392,7 +223,7 @@ class Inverse3Driver final : public DeviceDriver {
 
   // E-brake and the like. Without them the run goes on.
   void listenToEvents() {
-    events_ = std::make_unique<Socket>(waiting_);
+    events_ = std::make_unique<WebSocket>(sockets_);
     if (events_->open(settings_.host, settings_.events_port)) {
       note(fmt::format("no events at {}:{}: an emergency brake would not be told", settings_.host,
                        settings_.events_port));
@@ -442,8 +273,7 @@ class Inverse3Driver final : public DeviceDriver {
     }
     socket_->close();
     if (events_) events_->cut();
-    waiting_.io().restart();
-    waiting_.io().poll();
+    sockets_.poll();
   }
 
   // The force for the next message: zero at the end, and when no tick has come for long.
@@ -466,7 +296,7 @@ class Inverse3Driver final : public DeviceDriver {
     if (events_ && events_->ended()) {
       note("the events ended: an emergency brake is not told any more");
       events_.reset();
-      if (braked_) return asio::error::connection_reset;  // nor its release
+      if (braked_) return errc::make_error_code(errc::connection_reset);  // nor its release
     }
     while (socket_->hasMore()) {  // one answer for one message: more must not make us lag behind
       note("answers that nobody had asked for");
@@ -552,8 +382,8 @@ class Inverse3Driver final : public DeviceDriver {
   Inverse3Entry entry_;
   std::string grip_, version_, text_;
   ForceSpelling spelling_ = ForceSpelling::values;
-  Waiting waiting_;
-  std::unique_ptr<Socket> socket_, events_;
+  SocketThread sockets_;
+  std::unique_ptr<WebSocket> socket_, events_;
   Inverse3State state_;
   bool present_ = true, returned_ = false, braked_ = false, busy_ = false;
   std::uint64_t number_ = 0, seen_ = 0;
