@@ -110,9 +110,9 @@ void SurfacePairFinder::testClusters(PairSearch& s, NodePair leaves, Workspace& 
   s.may_exclude = s.left_out != nullptr || (s.self() && s.exclusion->touchesClusters(ca, cb));
   s.clearance = std::numeric_limits<float>::infinity();
   MovingBox around_a, around_b;
-  gather(s.a, ca, s.b.nodeBox(leaves.b), workspace.a, around_a);
+  gather(s.a, ca, s.b.leafBox(leaves.b), workspace.a, around_a);
   if (workspace.a.empty()) return;
-  gather(s.b, cb, same ? s.b.nodeBox(leaves.b) : around_a, workspace.b, around_b);
+  gather(s.b, cb, same ? s.b.leafBox(leaves.b) : around_a, workspace.b, around_b);
   for (const Local& p : workspace.a)
     for (const Local& q : workspace.b)
       if ((!same || p.triangle < q.triangle) && s.meetClosely(p.box, q.box)) testTriangles(s, p, q);

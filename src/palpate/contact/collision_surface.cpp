@@ -255,23 +255,17 @@ Vec3 CollisionSurface::outwardNormal(int triangle, const std::array<double, 3>& 
   return length > 0 ? Vec3(sum / length) : Vec3(Vec3::UnitZ());
 }
 
-template <class Indices>
-MovingBox CollisionSurface::boxOf(const Indices& vertices) const {
-  MovingBox box = vertexBox(vertices[0]);
-  for (size_t i = 1; i < vertices.size(); ++i) box.include(vertexBox(vertices[i]));
-  return box;
-}
-
 void CollisionSurface::refit() {
+  if (!embedding_.nodes().empty()) placeAll();
   PackedBounds moves, places;
-  rounded_start_.resize(start.size());
-  rounded_end_.resize(end.size());
+  start_side_.rounded.resize(start.size());
+  end_side_.rounded.resize(end.size());
   const auto rounded = [](const Vec3& p) {
     return MovingBox::Corner(static_cast<float>(p.x()), static_cast<float>(p.y()), static_cast<float>(p.z()), 0.0f);
   };
   for (size_t v = 0; v < start.size(); ++v) {
-    rounded_start_[v] = rounded(start[v]);
-    rounded_end_[v] = rounded(end[v]);
+    start_side_.rounded[v] = rounded(start[v]);
+    end_side_.rounded[v] = rounded(end[v]);
     moves.add(end[v] - start[v]);
     places.add(start[v]);
     places.add(end[v]);
@@ -279,10 +273,13 @@ void CollisionSurface::refit() {
   MotionBounds bounds;
   if (!start.empty())
     bounds = {places.low.cwiseAbs().cwiseMax(places.high.cwiseAbs()).maxCoeff(), moves.low, moves.high};
-  refit(bounds);
+  ++refits_;
+  bounds_ = bounds;
 }
 
 void CollisionSurface::refit(const MotionBounds& bounds) {
+  if (!sparse_ && !ends_placed_) placeAll(end_side_, end);
+  ends_placed_ = true;
   ++refits_;
   bounds_ = bounds;
 }
@@ -292,7 +289,7 @@ void CollisionSurface::makeNodeBox(int node) const {
   MovingBox& box = node_boxes_[i];
   node_made_at_[i] = refits_;
   if (nodes_[i].right < 0) {
-    box = boxOf(verticesOfCluster(nodes_[i].cluster));
+    box = sparse_ && exact_at_ != refits_ ? boundOf(nodes_[i].cluster) : boxOf(verticesOfCluster(nodes_[i].cluster));
   } else {
     box = nodeBox(node + 1);
     box.include(nodeBox(nodes_[i].right));

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "palpate/math/types.h"
+#include "palpate/mesh/embedding_map.h"
 #include "palpate/mesh/types.h"
 
 namespace palpate {
@@ -67,20 +68,32 @@ class CollisionSurface {
   /// Throws InputError for indices out of range, triangles that name a vertex twice and positions that are not finite.
   explicit CollisionSurface(const Surface& surface, std::span<const int> cluster_of_triangle = {});
 
-  std::vector<Vec3> start;  ///< of each vertex [m]; to be followed by refit()
-  std::vector<Vec3> end;    ///< [m]
+  /// Of each vertex [m]; to be followed by refit(). Of a sparse() surface they hold only where they were asked for.
+  mutable std::vector<Vec3> start, end;
   /// Boxes of the present start and end. Needed once for a surface that never moves; the constructor does it.
   void refit();
-  /// The same for vertices placed by the functions below, with bounds that are known otherwise: costs nothing until
-  /// boxes are asked for.
+  /// The same for vertices that follow nodes, with bounds that are known otherwise: places the ends, unless the surface
+  /// is sparse, and makes no box before it is asked for.
   void refit(const MotionBounds& bounds);
-  /// @param p  x, y, z, 0 [m]
-  void placeStart(int vertex, const Eigen::Vector4d& p) { place(vertex, p, start, rounded_start_); }
-  void placeEnd(int vertex, const Eigen::Vector4d& p) { place(vertex, p, end, rounded_end_); }
+  /// From now on the vertices follow nodes: moveStart() and moveEnd() say where they are. Where a cluster has many
+  /// vertices, it is bounded from its nodes, and its vertices are placed when something comes near.
+  void follow(EmbeddingMap embedding);
+  const EmbeddingMap& embedding() const { return embedding_; }
+  /// @param nodes  positions, x y z of each [m]
+  void moveStart(const VecX& nodes);
+  void moveEnd(const VecX& nodes);
+  /// A vertex that follows nodes is where they are, ahead of the others.
+  void placeStart(int vertex) const { place(vertex, start_side_, start); }
+  void placeEnd(int vertex) const { place(vertex, end_side_, end); }
+  /// All of them, after refit(): boxes are then as tight as those of other surfaces.
+  void placeAll();
+  /// Vertices are placed when they are asked for: by leafBox(), and with all that share a triangle with them by
+  /// triangleBoxes().
+  bool sparse() const { return sparse_; }
   /// The ends become the starts, and the other way round.
   void swapEnds() {
     start.swap(end);
-    rounded_start_.swap(rounded_end_);
+    std::swap(start_side_, end_side_);
   }
   /// As of the last refit().
   const MotionBounds& bounds() const { return bounds_; }
@@ -103,12 +116,10 @@ class CollisionSurface {
   bool ownsCorner(int triangle, int i) const { return (owned(triangle) >> i & 1) != 0; }
   bool ownsEdge(int triangle, int i) const { return (owned(triangle) >> (3 + i) & 1) != 0; }
   /// Box of a vertex on its way, as of the present start and end.
-  MovingBox vertexBox(int vertex) const {
-    return MovingBox::around(rounded_start_[static_cast<size_t>(vertex)], rounded_end_[static_cast<size_t>(vertex)]);
-  }
+  MovingBox vertexBox(int vertex) const { return MovingBox::around(roundedStart(vertex), roundedEnd(vertex)); }
   /// Start and end to single precision: x, y, z, 0.
-  const MovingBox::Corner& roundedStart(int vertex) const { return rounded_start_[static_cast<size_t>(vertex)]; }
-  const MovingBox::Corner& roundedEnd(int vertex) const { return rounded_end_[static_cast<size_t>(vertex)]; }
+  const MovingBox::Corner& roundedStart(int vertex) const { return start_side_.rounded[static_cast<size_t>(vertex)]; }
+  const MovingBox::Corner& roundedEnd(int vertex) const { return end_side_.rounded[static_cast<size_t>(vertex)]; }
   int ownerOfEdge(int edge) const { return edge_triangles_[static_cast<size_t>(edge)][0]; }
   /// Every edge has exactly two triangles, which run along it in opposite directions.
   bool closed() const { return closed_; }
@@ -143,6 +154,13 @@ class CollisionSurface {
     if (node_made_at_[i] != refits_) makeNodeBox(node);
     return node_boxes_[i];
   }
+  /// Of a leaf, around the vertices themselves.
+  const MovingBox& leafBox(int node) const {
+    if (!sparse_ || exact_at_ == refits_) return nodeBox(node);
+    const auto c = static_cast<size_t>(nodes_[static_cast<size_t>(node)].cluster);
+    if (leaf_made_at_[c] != refits_) makeLeafBox(static_cast<int>(c));
+    return leaf_boxes_[c];
+  }
   int clusters() const { return static_cast<int>(cluster_offset_.size()) - 1; }
   std::span<const int> trianglesOfCluster(int cluster) const {
     const auto c = static_cast<size_t>(cluster);
@@ -163,7 +181,9 @@ class CollisionSurface {
   /// True once after each refit(): the caller then makes the boxes before anyone asks for them. Different clusters' may
   /// be made at the same time.
   bool claimTriangleBoxes(int cluster) const {
-    return std::exchange(boxes_made_at_[static_cast<size_t>(cluster)], refits_) != refits_;
+    if (std::exchange(boxes_made_at_[static_cast<size_t>(cluster)], refits_) == refits_) return false;
+    if (sparse_) placeAround(cluster);
+    return true;
   }
   void makeTriangleBoxes(int cluster) const;
   /// Mean size of the clusters' boxes in the rest shape [m].
@@ -171,10 +191,50 @@ class CollisionSurface {
 
  private:
   using Rounded = std::vector<MovingBox::Corner, Eigen::aligned_allocator<MovingBox::Corner>>;
-  static void place(int vertex, const Eigen::Vector4d& p, std::vector<Vec3>& exact, Rounded& rounded) {
+  using Positions = std::vector<Eigen::Vector4d, Eigen::aligned_allocator<Eigen::Vector4d>>;
+  /// The starts, or the ends, beside their exact positions.
+  struct Side {
+    mutable Rounded rounded;  // vertices to single precision
+    Positions nodes;          // that they follow, padded
+    Rounded rounded_nodes;
+    float extent = 0;                              // no coordinate of a node is larger
+    std::uint64_t moved_at = 0;                    // value of moves_
+    mutable std::vector<std::uint64_t> placed_at;  // of a vertex of a sparse surface: moved_at
+  };
+  /// Vertices of a cluster that follow the same four nodes, each with a weight of middle +- half.
+  struct Part {
+    std::array<int, 4> node;
+    std::array<float, 4> middle, half;
+    float rest;      // 1 - sum of middle
+    float rounding;  // of the sums, for coordinates of 1
+  };
+  static void put(int vertex, const Eigen::Vector4d& p, const Side& side, std::vector<Vec3>& exact) {
     exact[static_cast<size_t>(vertex)] = p.head<3>();
-    rounded[static_cast<size_t>(vertex)] = p.cast<float>().array();
+    side.rounded[static_cast<size_t>(vertex)] = p.cast<float>().array();
   }
+  Eigen::Vector4d followed(int vertex, const Side& side) const {
+    const int* node = embedding_.nodes().data() + 4 * vertex;
+    const double* weight = embedding_.weights().data() + 4 * vertex;
+    const auto at = [&](int k) -> const Eigen::Vector4d& { return side.nodes[static_cast<size_t>(node[k])]; };
+    return weight[0] * at(0) + weight[1] * at(1) + weight[2] * at(2) + weight[3] * at(3);
+  }
+  void place(int vertex, const Side& side, std::vector<Vec3>& exact) const {
+    if (side.nodes.empty()) return;
+    if (sparse_) {
+      auto& placed_at = side.placed_at[static_cast<size_t>(vertex)];
+      if (placed_at == side.moved_at) return;
+      placed_at = side.moved_at;
+    }
+    put(vertex, followed(vertex, side), side, exact);
+  }
+  void move(const VecX& nodes, Side& side);
+  void placeAll(const Side& side, std::vector<Vec3>& exact) const;
+  void buildParts();
+  void buildRings();
+  static void bound(const Part& part, const Side& side, MovingBox::Corner& low, MovingBox::Corner& negative_high);
+  MovingBox boundOf(int cluster) const;
+  void makeLeafBox(int cluster) const;
+  void placeAround(int cluster) const;
   void buildEdges();
   void buildVertexTriangles();
   void buildClusters(std::span<const int> cluster_of_triangle);
@@ -182,10 +242,21 @@ class CollisionSurface {
   void buildClusterVertices();
   int buildTree(const std::vector<Vec3>& centers, std::vector<int>& clusters, int first, int last);
   template <class Indices>
-  MovingBox boxOf(const Indices& vertices) const;
+  MovingBox boxOf(const Indices& vertices) const {
+    MovingBox box = vertexBox(vertices[0]);
+    for (size_t i = 1; i < vertices.size(); ++i) box.include(vertexBox(vertices[i]));
+    return box;
+  }
   void makeNodeBox(int node) const;
 
-  Rounded rounded_start_, rounded_end_;  // to single precision
+  Side start_side_, end_side_;
+  EmbeddingMap embedding_;
+  std::uint64_t moves_ = 0;
+  bool ends_placed_ = true;  // of a surface that follows nodes and is not sparse
+  bool sparse_ = false;
+  std::vector<int> part_offset_{0};
+  std::vector<Part> parts_;                 // of a cluster
+  std::vector<int> ring_offset_{0}, ring_;  // of a cluster: vertices of all triangles at its vertices
   std::vector<Vec3> rest_;
   std::vector<std::array<int, 3>> triangles_;
   std::vector<std::array<int, 2>> edges_;
@@ -207,6 +278,9 @@ class CollisionSurface {
   mutable std::vector<MovingBox> node_boxes_;
   mutable std::vector<std::uint64_t> boxes_made_at_;  // of a cluster: value of refits_
   mutable std::vector<MovingBox> triangle_boxes_;     // as order_
+  std::uint64_t exact_at_ = 0;                        // value of refits_: nodes' boxes are around vertices
+  mutable std::vector<std::uint64_t> leaf_made_at_;   // of a cluster of a sparse surface: value of refits_
+  mutable std::vector<MovingBox> leaf_boxes_;
 };
 
 }  // namespace palpate

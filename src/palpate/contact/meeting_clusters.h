@@ -14,9 +14,10 @@ inline bool overlapAtStart(const MovingBox& p, const MovingBox& q) {
 }
 
 /// Calls visit(cluster of a, cluster of b) for those whose boxes overlap at the start; within one surface each pair
-/// once, and each cluster with itself. Both must have nodes and be refitted.
-template <class Visit>
-void meetingClusters(const CollisionSurface& a, const CollisionSurface& b, Visit visit) {
+/// once, and each cluster with itself; among those that are wanted(cluster of a, cluster of b). Both must have nodes
+/// and be refitted.
+template <class Wanted, class Visit>
+void meetingClusters(const CollisionSurface& a, const CollisionSurface& b, Wanted wanted, Visit visit) {
   const bool self = &a == &b;
   std::vector<std::pair<int, int>> stack{{0, 0}};
   while (!stack.empty()) {
@@ -25,6 +26,7 @@ void meetingClusters(const CollisionSurface& a, const CollisionSurface& b, Visit
     if (!overlapAtStart(a.nodeBox(i), b.nodeBox(j))) continue;
     const auto &na = a.nodes()[static_cast<std::size_t>(i)], &nb = b.nodes()[static_cast<std::size_t>(j)];
     if (na.right < 0 && nb.right < 0) {
+      if (!wanted(na.cluster, nb.cluster) || !overlapAtStart(a.leafBox(i), b.leafBox(j))) continue;
       visit(na.cluster, nb.cluster);
     } else if (self && i == j) {
       stack.emplace_back(i + 1, i + 1);
@@ -38,6 +40,11 @@ void meetingClusters(const CollisionSurface& a, const CollisionSurface& b, Visit
       stack.emplace_back(i, nb.right);
     }
   }
+}
+template <class Visit>
+void meetingClusters(const CollisionSurface& a, const CollisionSurface& b, Visit visit) {
+  meetingClusters(
+      a, b, [](int, int) { return true; }, visit);
 }
 
 }  // namespace palpate

@@ -60,7 +60,6 @@ bool intersect(const Triangle& t, const Triangle& u) {
 // Of two clusters, or of one with itself.
 void intersectClusters(const CollisionSurface& s, int c, int d, const SelfExclusion* exclusion,
                        std::vector<std::array<int, 2>>& out) {
-  if (exclusion != nullptr && exclusion->excludesClusters(c, d)) return;
   const auto excluded = [&](int t, int u) {
     return exclusion != nullptr &&
            exclusion->excludes(s.triangles()[static_cast<std::size_t>(t)], s.triangles()[static_cast<std::size_t>(u)]);
@@ -85,7 +84,9 @@ void intersectClusters(const CollisionSurface& s, int c, int d, const SelfExclus
 void findSelfIntersections(const CollisionSurface& surface, std::vector<std::array<int, 2>>& out,
                            const SelfExclusion* exclusion) {
   if (surface.nodes().empty()) return;
-  meetingClusters(surface, surface, [&](int c, int d) { intersectClusters(surface, c, d, exclusion, out); });
+  meetingClusters(
+      surface, surface, [&](int c, int d) { return exclusion == nullptr || !exclusion->excludesClusters(c, d); },
+      [&](int c, int d) { intersectClusters(surface, c, d, exclusion, out); });
 }
 
 }  // namespace palpate

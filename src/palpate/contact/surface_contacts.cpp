@@ -5,7 +5,6 @@
 #include <limits>
 #include <stdexcept>
 
-#include "palpate/common/parallel.h"
 #include "palpate/contact/feature_distance.h"
 #include "palpate/contact/neighbor_exclusion.h"
 #include "palpate/contact/self_intersections.h"
@@ -105,7 +104,7 @@ void SurfaceContacts::addBody(int body, const SimulationMesh& mesh, bool self) {
   // one carrier: let the surface's own places make the groups
   if (mesh.mesh.tetrahedra.size() == 1) clusters.clear();
   item.surface = CollisionSurface(mesh.surface, clusters);
-  item.embedding = EmbeddingMap(mesh.mesh, mesh.embedding);
+  item.surface.follow(EmbeddingMap(mesh.mesh, mesh.embedding));
   for (const EmbeddedPoint& p : mesh.embedding) {
     item.patch.push_back(p.tetrahedron);
     double extension = 0;
@@ -146,6 +145,7 @@ std::size_t SurfaceContacts::itemOf(int body) const {
 void SurfaceContacts::leaveOut(int first, const std::vector<char>& marks, int second, double near) {
   const std::size_t a = itemOf(first), b = itemOf(second);
   if (a == b || a == items_.size() || b == items_.size()) return;
+  for (const std::size_t i : {a, b}) items_[i].surface.placeAll();
   const std::vector<char> others = marksNear(items_[a].surface, marks, items_[b].surface, near);
   PairExclusion& out = pair(std::min(a, b), std::max(a, b)).left_out;
   const auto add = [](const std::vector<char>& more, std::vector<char>& to) {
@@ -166,35 +166,12 @@ bool SurfaceContacts::active() const {
   return moving > 0 && (items_.size() > 1 || items_.front().self);
 }
 
-// Where vertices are while their nodes are at x; put(vertex, x y z 0) takes them.
-template <class Put>
-void SurfaceContacts::place(const Item& item, const VecX& x, Put put) {
-  const Eigen::Index n = x.size() / 3;
-  nodes_.resize(static_cast<std::size_t>(n));
-  for (Eigen::Index i = 0; i < n; ++i) nodes_[i] << x.segment<3>(3 * i), 0.0;
-  constexpr int kLeast = 512, kMostParts = 32;
-  const int count = item.embedding.points(), parts = std::min(1 + count / kLeast, kMostParts);
-  parallelRanges(parts, count, [&](int begin, int end) {
-    for (int v = begin; v < end; ++v) {
-      const int* node = nodesOf(item.embedding, v);
-      const double* weight = weightsOf(item.embedding, v);
-      const Eigen::Vector4d p = weight[0] * nodes_[node[0]] + weight[1] * nodes_[node[1]] +
-                                weight[2] * nodes_[node[2]] + weight[3] * nodes_[node[3]];
-      put(v, p);
-    }
-  });
-}
-
-// The ends of a few vertices, ahead of the others.
-void SurfaceContacts::placeEnd(Item& item, const std::array<int, 3>& vertices) {
-  if (item.end_placed) return;
+// A few vertices, ahead of the others.
+void SurfaceContacts::place(const Item& item, const std::array<int, 3>& vertices) {
   for (const int v : vertices) {
     if (v < 0) continue;
-    const int* node = nodesOf(item.embedding, v);
-    const double* weight = weightsOf(item.embedding, v);
-    Eigen::Vector4d p = Eigen::Vector4d::Zero();
-    for (int k = 0; k < 4; ++k) p.head<3>() += weight[k] * item.end.segment<3>(3 * node[k]);
-    item.surface.placeEnd(v, p);
+    item.surface.placeStart(v);
+    item.surface.placeEnd(v);
   }
 }
 
@@ -230,33 +207,32 @@ void SurfaceContacts::setStart(int body, const VecX& x) {
         item.moved.follow(motionOf(item, item.start, x));
       }
       item.surface.swapEnds();
-    } else {
+    } else if (!item.start_known || item.start != x) {
       item.moved.follow(motionOf(item, item.start, x));
-      place(item, x, [&item](int v, const Eigen::Vector4d& p) { item.surface.placeStart(v, p); });
+      item.surface.moveStart(x);
     }
+    item.start_known = true;
     item.start = x;
-    item.end = x;
-    item.end_placed = false;
-    item.end_bounded = false;
-    item.stale = true;
+    moveEnd(item, x);
   }
 }
 
 void SurfaceContacts::setEnd(int body, const VecX& x) {
   for (Item& item : items_) {
-    if (item.body != body) continue;
-    item.end = x;
-    item.end_placed = false;
-    item.end_bounded = false;
-    item.stale = true;
+    if (item.body == body) moveEnd(item, x);
   }
+}
+
+void SurfaceContacts::moveEnd(Item& item, const VecX& x) {
+  item.end = x;
+  item.surface.moveEnd(x);
+  item.end_placed = false;
+  item.end_bounded = false;
+  item.stale = true;
 }
 
 void SurfaceContacts::refit(Item& item) {
   if (!item.stale) return;
-  if (!item.end_placed) {
-    place(item, item.end, [&item](int v, const Eigen::Vector4d& p) { item.surface.placeEnd(v, p); });
-  }
   item.end_placed = true;
   constexpr double kTight = 2.0;
   if (item.extension < kTight) {
@@ -324,8 +300,10 @@ void SurfaceContacts::examineOverlaps(bool trouble) {
     for (std::size_t a = 0; a < b; ++a) {
       PairState& state = pair(a, b);
       if (!state.may_overlap || (items_[a].body < 0 && items_[b].body < 0)) continue;
-      refit(items_[a]);
-      refit(items_[b]);
+      for (const std::size_t i : {a, b}) {
+        refit(items_[i]);
+        items_[i].surface.placeAll();
+      }
       state.points.clear();
       findOverlaps(items_[a].surface, items_[b].surface, state.points);
       if (const PairExclusion* left_out = state.leftOut()) {
@@ -365,8 +343,8 @@ ContactPoint SurfaceContacts::point(const Item& item, const std::array<int, 3>& 
   if (item.body < 0) return out;
   for (int i = 0; i < 3; ++i) {
     if (vertex[i] < 0 || weight[i] == 0) continue;
-    const int* node = nodesOf(item.embedding, vertex[i]);
-    const double* share = weightsOf(item.embedding, vertex[i]);
+    const int* node = nodesOf(item.surface.embedding(), vertex[i]);
+    const double* share = weightsOf(item.surface.embedding(), vertex[i]);
     for (int k = 0; k < 4; ++k) {
       const double w = weight[i] * share[k];
       if (w != 0) out.add(node[k], w);
@@ -395,7 +373,7 @@ double SurfaceContacts::shareOfShift(const Item& item, const int* node, const st
 // points of a contact lie at the same place, and equal and opposite impulses have no moment.
 void SurfaceContacts::shift(const Item& item, int vertex, const Vec3& offset, ContactPoint& point) {
   if (item.body < 0) return;
-  const int* node = nodesOf(item.embedding, vertex);
+  const int* node = nodesOf(item.surface.embedding(), vertex);
   std::array<Vec3, 4> x;
   for (int k = 0; k < 4; ++k) x[k] = item.start.segment<3>(3 * node[k]);
   const std::array<Vec3, 4> g = gradients(x);
@@ -448,7 +426,7 @@ void SurfaceContacts::add(std::size_t ia, std::size_t ib, const FeaturePair& pai
 // Surfaces that start in each other: the inner point against the other's nearest outer place.
 void SurfaceContacts::addOverlap(std::size_t ia, std::size_t ib, const OverlapPoint& overlap,
                                  const ContactSettings& settings, double mu, std::vector<Contact>& out) {
-  Item& inner = items_[overlap.of_first ? ia : ib];
+  const Item& inner = items_[overlap.of_first ? ia : ib];
   const Item& outer = items_[overlap.of_first ? ib : ia];
   Contact c;
   c.thickness = settings.thickness;
@@ -463,7 +441,7 @@ void SurfaceContacts::addOverlap(std::size_t ia, std::size_t ib, const OverlapPo
   c.normal = overlap.normal;
   c.first = point(inner, overlap.vertex, overlap.weight);
   c.second = point(outer, overlap.other_vertex, overlap.other_weight);
-  placeEnd(inner, overlap.vertex);
+  place(inner, overlap.vertex);
   c.position = at(inner.surface.end, overlap.vertex, overlap.weight);
   if (c.first.body < 0) {
     std::swap(c.first, c.second);
@@ -474,8 +452,8 @@ void SurfaceContacts::addOverlap(std::size_t ia, std::size_t ib, const OverlapPo
 }
 
 // The pair of features where it is at the start: closest points, distance and normal.
-FeaturePair SurfaceContacts::pairAtStart(const ContactFeatures& f, const CollisionSurface& a,
-                                         const CollisionSurface& b) {
+FeaturePair SurfaceContacts::pairAtStart(const ContactFeatures& f, const Item& item_a, const Item& item_b) {
+  const CollisionSurface &a = item_a.surface, &b = item_b.surface;
   FeaturePair pair;
   pair.kind = static_cast<FeaturePair::Kind>(f.kind);
   pair.first_feature = f.first;
@@ -483,6 +461,8 @@ FeaturePair SurfaceContacts::pairAtStart(const ContactFeatures& f, const Collisi
   if (pair.kind == FeaturePair::Kind::edge_edge) {
     const auto& ea = a.edges()[f.first];
     const auto& eb = b.edges()[f.second];
+    place(item_a, {ea[0], ea[1], -1});
+    place(item_b, {eb[0], eb[1], -1});
     const SegmentPair q = closestOnSegments(a.start[ea[0]], a.start[ea[1]], b.start[eb[0]], b.start[eb[1]]);
     pair.first_vertex = {ea[0], ea[1], -1};
     pair.second_vertex = {eb[0], eb[1], -1};
@@ -493,6 +473,8 @@ FeaturePair SurfaceContacts::pairAtStart(const ContactFeatures& f, const Collisi
     const auto& face = vertex_first ? b.triangles()[f.second] : a.triangles()[f.first];
     const std::vector<Vec3>& x = vertex_first ? b.start : a.start;
     const int vertex = vertex_first ? f.first : f.second;
+    place(vertex_first ? item_a : item_b, {vertex, -1, -1});
+    place(vertex_first ? item_b : item_a, face);
     const Vec3& p = vertex_first ? a.start[vertex] : b.start[vertex];
     const TrianglePoint q = closestOnTriangle(p, x[face[0]], x[face[1]], x[face[2]]);
     (vertex_first ? pair.first_vertex : pair.second_vertex) = {vertex, -1, -1};
@@ -514,16 +496,14 @@ void SurfaceContacts::follow(const Contact& earlier, const ContactSettings& sett
   const auto ia = static_cast<std::size_t>(f.first_surface);
   const auto ib = static_cast<std::size_t>(f.second_surface);
   if (ia != ib && !pair(std::min(ia, ib), std::max(ia, ib)).points.empty()) return;
-  Item& a = items_[ia];
-  Item& b = items_[ib];
-  FeaturePair pair = pairAtStart(f, a.surface, b.surface);
+  const Item& a = items_[ia];
+  const Item& b = items_[ib];
+  FeaturePair pair = pairAtStart(f, a, b);
   if (ia == ib && inTangle(a, pair)) return;
   const double distance = pair.start_distance;
   if (!(distance < settings.surfaceReach()) || !(distance > 1e-3 * settings.thickness)) return;
   // turned far since: another side of the features, which has pairs of its own
   if (pair.normal.dot(earlier.normal) < 0.7) return;
-  placeEnd(a, pair.first_vertex);
-  placeEnd(b, pair.second_vertex);
   const Vec3 end = at(a.surface.end, pair.first_vertex, pair.first_weight) -
                    at(b.surface.end, pair.second_vertex, pair.second_weight);
   pair.end_distance = pair.normal.dot(end);

@@ -10,7 +10,6 @@
 #include "palpate/contact/overlap.h"
 #include "palpate/contact/pair_exclusion.h"
 #include "palpate/contact/surface_pairs.h"
-#include "palpate/mesh/embedding_map.h"
 #include "palpate/mesh/types.h"
 
 namespace palpate {
@@ -91,11 +90,11 @@ class SurfaceContacts {
     SelfExclusion exclusion;
     bool tangled = false;
     std::vector<char> crossed;  // vertices of triangles that pass through each other, while it is tangled
-    EmbeddingMap embedding;     // of the vertices
     std::vector<int> patch;     // of each vertex: what moves affinely
     double extension = 1;       // largest sum of a vertex's absolute weights
     VecX rest;                  // node positions, as built
     VecX start, end;            // node positions
+    bool start_known = false;   // to the surface: where the nodes start
     bool end_placed = true;     // the surface's end is that of the nodes
     bool end_bounded = false;   // and so are its bounds
     bool stale = false;         // boxes are older than positions
@@ -109,18 +108,16 @@ class SurfaceContacts {
     PairExclusion left_out;
     const PairExclusion* leftOut() const { return left_out.first.empty() ? nullptr : &left_out; }
   };
-  using Corners = std::vector<Eigen::Vector4d, Eigen::aligned_allocator<Eigen::Vector4d>>;
   PairState& pair(std::size_t a, std::size_t b) { return pairs_[b * (b - 1) / 2 + a]; }
   const PairState& pair(std::size_t a, std::size_t b) const { return pairs_[b * (b - 1) / 2 + a]; }
   std::size_t itemOf(int body) const;
   static int id(const Item& item);
-  template <class Put>
-  void place(const Item& item, const VecX& x, Put put);
-  static void placeEnd(Item& item, const std::array<int, 3>& vertices);
+  static void place(const Item& item, const std::array<int, 3>& vertices);
   static MotionBounds motionOf(const Item& item, const VecX& from, const VecX& to);
-  void refit(Item& item);
+  static void moveEnd(Item& item, const VecX& x);
+  static void refit(Item& item);
   static int patch(const Item& item, int vertex);
-  static FeaturePair pairAtStart(const ContactFeatures& features, const CollisionSurface& a, const CollisionSurface& b);
+  static FeaturePair pairAtStart(const ContactFeatures& features, const Item& item_a, const Item& item_b);
   static bool facesOutward(const Item& a, const Item& b, const FeaturePair& pair);
   static ContactPoint point(const Item& item, const std::array<int, 3>& vertex, const std::array<double, 3>& weight);
   static double shareOfShift(const Item& item, const int* node, const std::array<Vec3, 4>& x,
@@ -143,7 +140,6 @@ class SurfaceContacts {
   SurfacePairFinder finder_;
   std::vector<FeaturePair> found_;
   std::vector<std::array<int, 2>> crossings_;
-  Corners nodes_;  // padded, while vertices are placed
   double overlap_ = 0;
 };
 

@@ -80,7 +80,7 @@ void SurfacePairFinder::testInPieces(PairSearch& s, int pieces) {
     piece.to = static_cast<double>(i + 1) / pieces;
     meeting_.clear();
     for (const Meeting& m : on_the_way_) {
-      if (piece.meet(s.a.nodeBox(m.leaves.a), s.b.nodeBox(m.leaves.b))) meeting_.push_back(m);
+      if (piece.meet(s.a.leafBox(m.leaves.a), s.b.leafBox(m.leaves.b))) meeting_.push_back(m);
     }
     tooMany();
     testMeetingClusters(piece);
@@ -154,6 +154,13 @@ bool SurfacePairFinder::visit(PairSearch& s, NodePair p) {
     return false;
   }
   if (!leaves) return true;
+  if (s.a.sparse() || s.b.sparse()) {
+    const MovingBox &tight_a = s.a.leafBox(p.a), &tight_b = s.b.leafBox(p.b);
+    if (!s.meet(tight_a, tight_b)) {
+      if (s.front != nullptr) s.front->addApart(p, static_cast<double>(startDistance(tight_a, tight_b) - s.box_reach));
+      return false;
+    }
+  }
   meeting_.push_back({p, 0});
   return false;
 }
