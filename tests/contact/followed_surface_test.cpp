@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
 #include <map>
 #include <tuple>
@@ -184,7 +185,7 @@ TEST(FollowedSurface, PassesThroughItselfWhereTheOtherDoes) {
   Ball ball(60);
   const SelfExclusion* exclusion = &ball.exclusion;
   SurfacePairFinder finder;
-  size_t crossings = 0, found = 0;
+  size_t crossings = 0, found = 0, crossed = 0;
   for (int pose = 0; pose < 20; ++pose) {
     const VecX from = ball.nodes(chance, Vec3::Zero(), pose % 2 == 0 ? 1.0 : 6.0);
     VecX to = from;
@@ -201,12 +202,25 @@ TEST(FollowedSurface, PassesThroughItselfWhereTheOtherDoes) {
     }
     ball.move(from, to);
     std::vector<FeaturePair> lazy, all;
-    finder.findSelf(ball.sparse, ball.exclusion, 1e-3, lazy);
+    PairFront front;
+    finder.findSelf(ball.sparse, ball.exclusion, 1e-3, lazy, &front);
     finder.findSelf(ball.placed, ball.exclusion, 1e-3, all);
     expectSamePairs(lazy, all);
     found += all.size();
+    // a search that knows what was apart misses nothing after a motion
+    ball.move(to, to);
+    std::vector<std::array<int, 2>> kept, fresh;
+    double moved = 0;
+    for (Eigen::Index i = 0; i < to.size(); ++i) moved = std::max(moved, std::abs(to[i] - from[i]));
+    findSelfIntersections(ball.sparse, kept, exclusion, &front, 2 * std::sqrt(3.0) * 1.5 * moved);
+    findSelfIntersections(ball.sparse, fresh, exclusion);
+    std::sort(kept.begin(), kept.end());
+    std::sort(fresh.begin(), fresh.end());
+    EXPECT_EQ(kept, fresh);
+    crossed += fresh.size();
   }
   EXPECT_GT(crossings, 100u);
+  EXPECT_GT(crossed, 10u);
   EXPECT_GT(found, 100u);
 }
 

@@ -68,6 +68,16 @@ struct EdgeEdge {
     return Vec3((1 - p.s) * s.a.position(a[0], t) + p.s * s.a.position(a[1], t) - (1 - p.t) * s.b.position(b[0], t) -
                 p.t * s.b.position(b[1], t));
   }
+  // A plane square to the shortest line at the start keeps them farther apart than the reach, on the whole way.
+  bool apart(const SegmentPair& q) const {
+    if (!(q.distance > s.reach)) return false;
+    const Vec3 n = line(q, 0);
+    const double gap_start = std::min(n.dot(at(s.a.start, a[0])), n.dot(at(s.a.start, a[1]))) -
+                             std::max(n.dot(at(s.b.start, b[0])), n.dot(at(s.b.start, b[1])));
+    const double gap_end = std::min(n.dot(at(s.a.end, a[0])), n.dot(at(s.a.end, a[1]))) -
+                           std::max(n.dot(at(s.b.end, b[0])), n.dot(at(s.b.end, b[1])));
+    return std::min(gap_start, gap_end) > kClear * s.reach * q.distance;
+  }
   Vec3 normal(const SegmentPair& p, double t) const;
   Approach impact(const SegmentPair& q, double travel) const;
   bool chooseTime(const SegmentPair& at_end, SegmentPair& q, FeaturePair& pair) const;
@@ -173,6 +183,7 @@ void testEdgeEdge(PairSearch& s, int edge_a, int edge_b) {
   if (s.may_exclude && s.excluded({edges.a[0], edges.a[1], -1}, {edges.b[0], edges.b[1], -1})) return;
   SegmentPair q = edges.closest(0);
   if (q.distance < s.reach && s.from > 0) return;
+  if (edges.apart(q)) return;
   const double travel = edges.travel();
   if (q.distance - travel > s.reach) return;
 

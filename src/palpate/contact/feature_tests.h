@@ -15,6 +15,9 @@ constexpr double kEntering = 0.2;
 /// Sine of the angle below which a face is square to the shortest line.
 constexpr double kFlat = 1e-6;
 
+/// What a gap must exceed the reach by, so that rounding does not matter.
+constexpr double kClear = 1 + 1e-6;
+
 inline const Vec3& at(const std::vector<Vec3>& points, int i) { return points[static_cast<size_t>(i)]; }
 inline Vec3 displacement(const CollisionSurface& s, int v) { return at(s.end, v) - at(s.start, v); }
 
@@ -38,6 +41,8 @@ struct VertexFaces {
   TrianglePoint closest(int v, int face, double t) const;
   /// Bound of how far the vertex moves relative to any point of the face.
   double travel(int v, int face) const;
+  /// A plane square to the shortest line at the start keeps them farther apart than the reach, on the whole way.
+  bool apart(int v, int face, const TrianglePoint& q) const;
   Vec3 faceNormal(int face) const { return unitOr(sf.areaNormal(face, 0), Vec3::UnitZ()); }
   /// When the vertex hits the face, if it does.
   /// @param q  closest point at the start

@@ -13,13 +13,14 @@ inline bool overlapAtStart(const MovingBox& p, const MovingBox& q) {
   return (p.start_low + q.start_negative_high).max(p.start_negative_high + q.start_low).maxCoeff() <= 0;
 }
 
-/// Calls visit(cluster of a, cluster of b) for those whose boxes overlap at the start; within one surface each pair
-/// once, and each cluster with itself; among those that are wanted(cluster of a, cluster of b). Both must have nodes
-/// and be refitted.
+/// Calls visit(cluster of a, cluster of b) for those under a pair of nodes whose boxes overlap at the start; within one
+/// surface each pair once, and each cluster with itself; among those that are wanted(cluster of a, cluster of b). Both
+/// must have nodes and be refitted.
 template <class Wanted, class Visit>
-void meetingClusters(const CollisionSurface& a, const CollisionSurface& b, Wanted wanted, Visit visit) {
+void meetingClusters(const CollisionSurface& a, const CollisionSurface& b, std::pair<int, int> root, Wanted wanted,
+                     Visit visit) {
   const bool self = &a == &b;
-  std::vector<std::pair<int, int>> stack{{0, 0}};
+  std::vector<std::pair<int, int>> stack{root};
   while (!stack.empty()) {
     const auto [i, j] = stack.back();
     stack.pop_back();
@@ -41,10 +42,11 @@ void meetingClusters(const CollisionSurface& a, const CollisionSurface& b, Wante
     }
   }
 }
+/// The same under the roots, all of them.
 template <class Visit>
 void meetingClusters(const CollisionSurface& a, const CollisionSurface& b, Visit visit) {
   meetingClusters(
-      a, b, [](int, int) { return true; }, visit);
+      a, b, {0, 0}, [](int, int) { return true; }, visit);
 }
 
 }  // namespace palpate

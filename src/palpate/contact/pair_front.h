@@ -19,6 +19,16 @@ class PairFront {
     accumulated_motion_ += distance;
     if (!std::isfinite(accumulated_motion_)) forget();
   }
+  /// There was a search, and what it left is kept.
+  bool known() const { return roots_size_ > 0; }
+  /// Calls visit(node, node) for the pairs that may be within reach where the surfaces now start.
+  /// @param moved  since the last search, as for moved() [m]
+  template <class Visit>
+  void nearPairs(double moved, Visit visit) const {
+    for (std::size_t i = 0; i < pairs_.size(); ++i) {
+      if (!staysApart(i, moved)) visit(pairs_[i].a, pairs_[i].b);
+    }
+  }
   /// The next search begins at the roots.
   void forget() {
     pairs_.clear();

@@ -82,11 +82,19 @@ void intersectClusters(const CollisionSurface& s, int c, int d, const SelfExclus
 }  // namespace
 
 void findSelfIntersections(const CollisionSurface& surface, std::vector<std::array<int, 2>>& out,
-                           const SelfExclusion* exclusion) {
+                           const SelfExclusion* exclusion, const PairFront* front, double moved) {
   if (surface.nodes().empty()) return;
-  meetingClusters(
-      surface, surface, [&](int c, int d) { return exclusion == nullptr || !exclusion->excludesClusters(c, d); },
-      [&](int c, int d) { intersectClusters(surface, c, d, exclusion, out); });
+  const auto below = [&](int a, int b) {
+    meetingClusters(
+        surface, surface, {a, b},
+        [&](int c, int d) { return exclusion == nullptr || !exclusion->excludesClusters(c, d); },
+        [&](int c, int d) { intersectClusters(surface, c, d, exclusion, out); });
+  };
+  if (exclusion != nullptr && front != nullptr && front->known()) {
+    front->nearPairs(moved, below);
+  } else {
+    below(0, 0);
+  }
 }
 
 }  // namespace palpate

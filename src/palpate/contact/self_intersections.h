@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "palpate/contact/collision_surface.h"
+#include "palpate/contact/pair_front.h"
 #include "palpate/contact/self_exclusion.h"
 
 namespace palpate {
@@ -12,7 +13,10 @@ namespace palpate {
 /// through the other. At the start positions, after refit(); appends. Triangles that merely touch or lie in one plane
 /// do not count.
 /// @param exclusion  of this surface: pairs that it excludes are left out; null: none are
+/// @param front      of searches within the surface with that exclusion, which know what cannot touch; null: none
+/// @param moved      how far vertices have moved relative to each other since the last of them [m]
 void findSelfIntersections(const CollisionSurface& surface, std::vector<std::array<int, 2>>& out,
-                           const SelfExclusion* exclusion = nullptr);
+                           const SelfExclusion* exclusion = nullptr, const PairFront* front = nullptr,
+                           double moved = 0);
 
 }  // namespace palpate

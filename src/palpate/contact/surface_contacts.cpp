@@ -211,6 +211,7 @@ void SurfaceContacts::setStart(int body, const VecX& x) {
       item.moved.follow(motionOf(item, item.start, x));
       item.surface.moveStart(x);
     }
+    if (!item.start_known || item.start != x) item.tangle_known = false;  // not where a step is done again
     item.start_known = true;
     item.start = x;
     moveEnd(item, x);
@@ -246,7 +247,10 @@ void SurfaceContacts::refit(Item& item) {
 
 void SurfaceContacts::recheckOverlaps() {
   for (PairState& p : pairs_) p.may_overlap = true;
-  for (Item& item : items_) item.tangled = item.self;
+  for (Item& item : items_) {
+    item.tangled = item.self;
+    item.tangle_known = false;
+  }
 }
 
 SurfaceContactsState SurfaceContacts::state() const {
@@ -263,14 +267,19 @@ void SurfaceContacts::restore(const SurfaceContactsState& state) {
     pairs_[i].may_overlap = state.may_overlap[i] != 0;
     pairs_[i].points.clear();  // examineOverlaps() finds those of pairs that may overlap
   }
-  for (std::size_t i = 0; i < items_.size(); ++i) items_[i].tangled = state.tangled[i] != 0;
+  for (std::size_t i = 0; i < items_.size(); ++i) {
+    items_[i].tangled = state.tangled[i] != 0;
+    items_[i].tangle_known = false;
+  }
 }
 
 void SurfaceContacts::findTangle(Item& item) {
   refit(item);
   crossings_.clear();
-  findSelfIntersections(item.surface, crossings_, &item.exclusion);  // the others are never contacts
+  // what is excluded is never a contact
+  findSelfIntersections(item.surface, crossings_, &item.exclusion, &item.front, relativeMotion(item.moved, item.moved));
   item.tangled = !crossings_.empty();
+  item.tangle_known = true;
   item.crossed.assign(item.surface.start.size(), 0);
   for (const auto& [t, u] : crossings_) {
     const auto& first = item.surface.triangles()[static_cast<std::size_t>(t)];
@@ -294,7 +303,7 @@ bool SurfaceContacts::inTangle(const Item& item, const FeaturePair& pair) {
 void SurfaceContacts::examineOverlaps(bool trouble) {
   overlap_ = 0;
   for (Item& item : items_) {
-    if (item.self && (trouble || item.tangled)) findTangle(item);
+    if (item.self && (trouble || item.tangled) && !item.tangle_known) findTangle(item);
   }
   for (std::size_t b = 1; b < items_.size(); ++b) {
     for (std::size_t a = 0; a < b; ++a) {

@@ -89,6 +89,7 @@ class SurfaceContacts {
     CollisionSurface surface;
     SelfExclusion exclusion;
     bool tangled = false;
+    bool tangle_known = false;  // as of the present start
     std::vector<char> crossed;  // vertices of triangles that pass through each other, while it is tangled
     std::vector<int> patch;     // of each vertex: what moves affinely
     double extension = 1;       // largest sum of a vertex's absolute weights

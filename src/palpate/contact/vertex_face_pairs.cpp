@@ -26,6 +26,17 @@ double VertexFaces::travel(int v, int face) const {
   return std::sqrt(l2);
 }
 
+bool VertexFaces::apart(int v, int face, const TrianglePoint& q) const {
+  if (!(q.distance > s.reach)) return false;
+  const auto& f = sf.triangles()[static_cast<size_t>(face)];
+  Vec3 n = at(sv.start, v);
+  for (size_t i = 0; i < 3; ++i) n -= q.weight[i] * at(sf.start, f[i]);
+  const auto gap = [&](const std::vector<Vec3>& xv, const std::vector<Vec3>& xf) {
+    return n.dot(at(xv, v)) - std::max({n.dot(at(xf, f[0])), n.dot(at(xf, f[1])), n.dot(at(xf, f[2]))});
+  };
+  return std::min(gap(sv.start, sf.start), gap(sv.end, sf.end)) > kClear * s.reach * q.distance;
+}
+
 // Touching at the start: a hit unless the end is clear of the face's plane.
 Approach VertexFaces::leaving(int v, int face, const TrianglePoint& q) const {
   const auto& f = sf.triangles()[static_cast<size_t>(face)];
@@ -187,6 +198,7 @@ void testVertexFace(PairSearch& s, bool vertex_first, int vertex, int owner, int
   if (s.may_exclude && faces.excluded(vertex, face)) return;
   TrianglePoint q = faces.closest(vertex, face, 0);
   if (q.distance < s.reach && s.from > 0) return;
+  if (faces.apart(vertex, face, q)) return;
   const double travel = faces.travel(vertex, face);
   if (q.distance - travel > s.reach) return;
 
