@@ -117,6 +117,7 @@ void SurfaceContacts::addBody(int body, const SimulationMesh& mesh, bool self) {
   }
   item.rest = item.end = item.start;
   item.end_placed = false;
+  if (self && !clusters.empty()) item.tetrahedra = mesh.mesh.tetrahedra;  // one alone does not touch itself
   if (self) item.exclusion = excludeNeighbors(item.surface, item.patch, mesh.mesh);
   if (clusters.empty()) {
     for (int c = 0; c < item.surface.clusters(); ++c) {
@@ -273,6 +274,21 @@ void SurfaceContacts::restore(const SurfaceContactsState& state) {
   }
 }
 
+// Vertices that tetrahedra carry which are turned over: surface there is inside out.
+void SurfaceContacts::findFolded(Item& item) {
+  item.folded.clear();
+  over_.clear();
+  for (std::size_t t = 0; t < item.tetrahedra.size(); ++t) {
+    const auto at = [&](int k) { return item.start.segment<3>(3 * item.tetrahedra[t][k]); };
+    const Vec3 a = at(1) - at(0), b = at(2) - at(0), c = at(3) - at(0);
+    if (a.cross(b).dot(c) > 0) continue;
+    over_.resize(item.tetrahedra.size(), 0);
+    over_[t] = 1;
+  }
+  if (over_.empty()) return;
+  for (const int t : item.patch) item.folded.push_back(over_[static_cast<std::size_t>(t)]);
+}
+
 void SurfaceContacts::findTangle(Item& item) {
   refit(item);
   crossings_.clear();
@@ -290,20 +306,24 @@ void SurfaceContacts::findTangle(Item& item) {
   }
 }
 
-// Contact of what passes through itself, at the crossing or from within.
+// Contact of what passes through itself, at the crossing or from within, or of what is inside out.
 bool SurfaceContacts::inTangle(const Item& item, const FeaturePair& pair) {
-  if (!item.tangled) return false;
-  const auto crossed = [&](const std::array<int, 3>& vertices) {
+  const auto any = [](const std::array<int, 3>& vertices, const std::vector<char>& marks) {
     return std::any_of(vertices.begin(), vertices.end(),
-                       [&](int v) { return v >= 0 && item.crossed[static_cast<std::size_t>(v)] != 0; });
+                       [&](int v) { return v >= 0 && marks[static_cast<std::size_t>(v)] != 0; });
   };
-  return pair.from_inside || (crossed(pair.first_vertex) && crossed(pair.second_vertex));
+  if (!item.folded.empty() && (any(pair.first_vertex, item.folded) || any(pair.second_vertex, item.folded)))
+    return true;
+  if (!item.tangled) return false;
+  return pair.from_inside || (any(pair.first_vertex, item.crossed) && any(pair.second_vertex, item.crossed));
 }
 
 void SurfaceContacts::examineOverlaps(bool trouble) {
   overlap_ = 0;
   for (Item& item : items_) {
-    if (item.self && (trouble || item.tangled) && !item.tangle_known) findTangle(item);
+    if (!item.self) continue;
+    findFolded(item);
+    if ((trouble || item.tangled || !item.folded.empty()) && !item.tangle_known) findTangle(item);
   }
   for (std::size_t b = 1; b < items_.size(); ++b) {
     for (std::size_t a = 0; a < b; ++a) {

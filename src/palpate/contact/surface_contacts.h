@@ -47,8 +47,9 @@ class SurfaceContacts {
   void setStart(int body, const VecX& x);
   void setEnd(int body, const VecX& x);
   /// Before the first find() of a step: looks for surfaces that start inside each other, among pairs that may; and,
-  /// after trouble or as long as there are some, for places where a surface passes through itself. Contact there would
-  /// keep it so: it is left out until elasticity has pulled it apart.
+  /// after trouble, where tetrahedra are turned over, or as long as there are some, for places where a surface passes
+  /// through itself. Contact there, and of what is inside out, would keep it so: it is left out until elasticity has
+  /// pulled it apart.
   /// @param trouble  the steps before could not keep what they should
   void examineOverlaps(bool trouble);
   /// Pairs that were seen apart are examined for overlap again, and surfaces for passing through themselves (after
@@ -91,16 +92,18 @@ class SurfaceContacts {
     bool tangled = false;
     bool tangle_known = false;  // as of the present start
     std::vector<char> crossed;  // vertices of triangles that pass through each other, while it is tangled
-    std::vector<int> patch;     // of each vertex: what moves affinely
-    double extension = 1;       // largest sum of a vertex's absolute weights
-    VecX rest;                  // node positions, as built
-    VecX start, end;            // node positions
-    bool start_known = false;   // to the surface: where the nodes start
-    bool end_placed = true;     // the surface's end is that of the nodes
-    bool end_bounded = false;   // and so are its bounds
-    bool stale = false;         // boxes are older than positions
-    MotionBounds moved;         // of the starts, since the last search
-    PairFront front;            // of self-contact
+    std::vector<std::array<int, 4>> tetrahedra;  // of what touches itself
+    std::vector<char> folded;                    // vertices that tetrahedra carry which start turned over; empty: none
+    std::vector<int> patch;                      // of each vertex: what moves affinely
+    double extension = 1;                        // largest sum of a vertex's absolute weights
+    VecX rest;                                   // node positions, as built
+    VecX start, end;                             // node positions
+    bool start_known = false;                    // to the surface: where the nodes start
+    bool end_placed = true;                      // the surface's end is that of the nodes
+    bool end_bounded = false;                    // and so are its bounds
+    bool stale = false;                          // boxes are older than positions
+    MotionBounds moved;                          // of the starts, since the last search
+    PairFront front;                             // of self-contact
   };
   struct PairState {
     bool may_overlap = true;
@@ -132,6 +135,7 @@ class SurfaceContacts {
            bool overlapping, std::vector<Contact>& out);
   void keepDependable();
   void findTangle(Item& item);
+  void findFolded(Item& item);
   static bool inTangle(const Item& item, const FeaturePair& pair);
   void addOverlap(std::size_t ia, std::size_t ib, const OverlapPoint& overlap, const ContactSettings& settings,
                   double mu, std::vector<Contact>& out);
@@ -141,6 +145,7 @@ class SurfaceContacts {
   SurfacePairFinder finder_;
   std::vector<FeaturePair> found_;
   std::vector<std::array<int, 2>> crossings_;
+  std::vector<char> over_;  // scratch: a tetrahedron is turned over
   double overlap_ = 0;
 };
 
