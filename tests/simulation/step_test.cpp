@@ -1,6 +1,7 @@
 // The semi-implicit step of the elastic body against its own discrete formulas and closed forms.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 
 #include "shared/held_scenes.h"
@@ -110,6 +111,61 @@ TEST(Step, InvertedElementsRecover) {
   for (const ElasticElement& e : body.model.elasticity().elements()) {
     EXPECT_NEAR(e.deformationGradient(body.state.positions).determinant(), 1.0, 0.02);
   }
+}
+
+int turnedOver(const Body& body) {
+  const std::vector<ElasticElement>& elements = body.model.elasticity().elements();
+  return static_cast<int>(std::count_if(elements.begin(), elements.end(), [&](const ElasticElement& e) {
+    return !(e.deformationGradient(body.state.positions).determinant() > 0);
+  }));
+}
+
+// Each of its nodes pushed through the opposite face, as far beyond as it was above. Alpha as above.
+TEST(Step, ATetrahedronComesBackFromEachWayOfInversion) {
+  for (int node = 0; node < 4; ++node) {
+    World world;
+    world.gravity.setZero();
+    TetrahedralMesh mesh{{Vec3(0, 0, 0), Vec3(0.02, 0, 0), Vec3(0, 0.02, 0), Vec3(0, 0, 0.02)}, {{0, 1, 2, 3}}};
+    Material material;
+    material.damping_alpha = 3.0;
+    material.damping_beta = 0.01;
+    world.add(BodyModel("one", simulationMeshOf(std::move(mesh), "one"), material));
+    const Body body = world.body(0);
+    BodyState state = body.state;
+    const Vec3 gradient = body.model.elasticity().elements()[0].gradient[node];
+    state.positions.segment<3>(3 * node) -= 2 * gradient / gradient.squaredNorm();
+    world.setBody(0, state);
+    ASSERT_EQ(turnedOver(body), 1);
+    const double start = elasticEnergy(body);
+    for (int n = 0; n < 600; ++n) ASSERT_EQ(world.step({}, 0.01).status, StepStatus::ok);
+    EXPECT_EQ(turnedOver(body), 0) << node;
+    EXPECT_LT(elasticEnergy(body), 1e-6 * start) << node;
+  }
+}
+
+// With self-contact, held by the handle: nodes thrown about until half of the tetrahedra are inside out.
+TEST(Step, AMeshHalfTurnedOverComesBackThoughItTouchesItself) {
+  Material material;
+  material.damping_alpha = 3.0;
+  material.damping_beta = 0.01;
+  World world;
+  world.gravity.setZero();
+  BodyModel model = bar({4, 3, 3}, material);
+  holdNodes(model, onTop);
+  world.add(std::move(model), true);
+  const Body body = world.tool();
+  const Pose start = body.state.handle.pose;
+  BodyState state = body.state;
+  for (int i = 0; i < body.model.nodes(); ++i) {
+    if (body.model.row()[i] < 0) continue;
+    for (int k = 0; k < 3; ++k) state.positions[3 * i + k] += 0.03 * std::sin(12.9898 * (3 * i + k + 1));
+  }
+  world.setBody(0, state);
+  ASSERT_GT(turnedOver(body), static_cast<int>(body.model.elasticity().elements().size()) * 2 / 5);
+  const double energy = elasticEnergy(body);
+  for (int n = 0; n < 120; ++n) ASSERT_NE(world.step({start, Vec6::Zero()}, 0.033).status, StepStatus::restored);
+  EXPECT_EQ(turnedOver(body), 0);
+  EXPECT_LT(elasticEnergy(body), 1e-3 * energy);
 }
 
 // Tip of a clamped bar under its own weight, from one static step (h so long that inertia vanishes), relative to the

@@ -345,5 +345,37 @@ tool:
   EXPECT_TRUE(outcome.rides[0].came_back) << outcome.rides[0].handle_off;
 }
 
+// A tool so soft that the hand turns tetrahedra over: contact with itself must not keep them so. Each of these rides
+// once ended in a tangle.
+TEST(StressRide, ASoftToolThatIsHeldLeavesNoTetrahedraTurnedOver) {
+  const SceneConfig config = readSceneFromString(R"(
+palpate: 1
+name: soft
+method: hsl
+tool:
+  shape: {bar: {size: [0.024, 0.012, 0.045], cells: [4, 2, 7]}}
+  material: {youngs_modulus: 3.0e4, poisson_ratio: 0.4, density: 1050, damping_beta: 0.005}
+  handles:
+    edge: {region: {halfspace: {point: [0, 0, 0.038], normal: [0, 0, 1]}}, mass: 0.02}
+  attachments:
+    base: {region: {halfspace: {point: [0, 0, 0.0001], normal: [0, 0, -1]}}}
+)",
+                                                 "soft");
+  for (const std::uint64_t seed : {16u, 35u, 43u}) {
+    BuiltScene scene = buildScene(config);
+    StressSettings settings;
+    settings.timing = timingOf(config);
+    settings.riding = true;
+    settings.rides = 1;
+    settings.seed = seed;
+    const StressOutcome outcome = runStress(scene, settings);
+    EXPECT_GT(outcome.all.folded, 20) << seed;  // on the way
+    EXPECT_EQ(outcome.all.inverted, 0) << seed;
+    EXPECT_EQ(outcome.all.self_intersections, 0) << seed;
+    ASSERT_EQ(outcome.rides.size(), 1u);
+    EXPECT_TRUE(outcome.rides[0].came_back) << seed;
+  }
+}
+
 }  // namespace
 }  // namespace palpate
