@@ -6,6 +6,8 @@
 #include <cmath>
 #include <numbers>
 
+#include "palpate/live/tick_algebra.h"
+
 namespace palpate {
 namespace {
 
@@ -94,7 +96,7 @@ void sweep(const TickContacts& contacts, int sweeps, RowVector& force) noexcept 
   }
   const Polygon polygon(contacts.facets);
   RowVector s = contacts.free;
-  s.noalias() += g * force;
+  addProduct(1.0, g, force.data(), s.data());
   for (int k = 0; k < sweeps; ++k) {
     double most = 0;  // change in this sweep [N]
     for (int i = 0; i < contacts.count; ++i) {

@@ -30,6 +30,20 @@ Vec6 inFrame(const Mat3& rt, const Vec6& twist) {
   return out;
 }
 
+// Mass times center, deformed, in the handle's frame.
+Vec3 deformedMoment(const LiveModel& model, const LiveState& state) {
+  Vec3 out = model.moment;
+  addProduct(1.0, model.coupling.topRows<3>(), state.z.data(), out.data());
+  return out;
+}
+
+// What contacts hold of their own, under this force.
+double contactEnergy(const LiveModel& model, const RowVector& force) {
+  RowVector moved = RowVector::Zero(force.size());
+  addProduct(1.0, model.compliance, force.data(), moved.data());
+  return 0.5 * force.dot(moved);
+}
+
 }  // namespace
 
 LiveState startState(const LiveModel& model) noexcept {
@@ -82,8 +96,8 @@ void LiveTick::addSpin(const LiveModel& model, const LiveState& state, const Vec
                        ModalVector& modal) const noexcept {
   Vec6 squares;
   squares << w[0] * w[0], w[1] * w[1], w[2] * w[2], w[0] * w[1], w[0] * w[2], w[1] * w[2];
-  modal.noalias() -= model.centrifugal * squares;
-  for (int k = 0; k < 3; ++k) modal.noalias() -= (2.0 * w[k]) * (model.coriolis[k] * state.speed);
+  addProduct(-1.0, model.centrifugal, squares.data(), modal.data());
+  for (int k = 0; k < 3; ++k) addProduct(-2.0 * w[k], model.coriolis[k], state.speed.data(), modal.data());
 }
 
 // Rows and gaps of the contacts where they now are.
@@ -93,7 +107,8 @@ void LiveTick::placeContacts(const LiveModel& model, const LiveState& state, con
   contacts_.count = m;
   contacts_.facets = model.facets;
   shape_ = model.shape;
-  RowVector bent = model.arm + model.shape * state.z;
+  RowVector bent = model.arm;
+  addProduct(1.0, model.shape, state.z.data(), bent.data());
   for (int i = 0, c = 0; i < q; ++i) {
     for (int j = i; j < q; ++j, ++c) {
       const auto curve = model.curvature.col(c);
@@ -104,9 +119,9 @@ void LiveTick::placeContacts(const LiveModel& model, const LiveState& state, con
   }
   const RowVector loaded = state.damped_force - model.damped_force;
   place_ = bent;
-  place_.noalias() += model.compliance * loaded;
+  addProduct(1.0, model.compliance, loaded.data(), place_.data());
   if (model.partners_yield) {
-    bent.noalias() += model.tool_compliance * loaded;
+    addProduct(1.0, model.tool_compliance, loaded.data(), bent.data());
   } else {
     bent = place_;
   }
@@ -152,35 +167,41 @@ Vec6 LiveTick::step(const LiveModel& model, const LiveTickInput& input, const Po
   const LinkParameters& link = input.link;
 
   TickUnknowns b(6 + r);
-  b.head<6>() = (model.inertia * u + model.coupling * state.speed) / dt;
+  Vec6 momentum = model.inertia * u;
+  addProduct(1.0, model.coupling, state.speed.data(), momentum.data());
+  b.head<6>() = momentum / dt;
   b.segment<3>(0) +=
       rt * (link.stiffness * (input.device.position - pose.position) + link.damping * input.device_twist.head<3>());
   b.segment<3>(3) += rt * (link.rotational_damping * input.device_twist.tail<3>() -
                            link.rotational_stiffness * logRotation(pose.rotation * input.device.rotation.conjugate()));
-  const Vec3 shifted = model.moment + model.coupling.topRows<3>() * state.z;  // mass times center, deformed
-  const Vec3 flow = model.coupling.topRows<3>() * state.speed;
+  const Vec3 shifted = deformedMoment(model, state);
+  Vec3 flow = Vec3::Zero();
+  addProduct(1.0, model.coupling.topRows<3>(), state.speed.data(), flow.data());
   b.segment<3>(0) += model.mass * g - w.cross(w.cross(model.moment)) - 2.0 * w.cross(flow);
   b.segment<3>(3) += shifted.cross(g) - w.cross(model.inertia.bottomRightCorner<3, 3>() * w);
-  for (int k = 0; k < 3; ++k) b.segment<3>(3) -= (2.0 * w[k]) * (model.coriolis_torque[k] * state.speed);
+  for (int k = 0; k < 3; ++k) addProduct(-2.0 * w[k], model.coriolis_torque[k], state.speed.data(), b.data() + 3);
   ModalVector modal = model.force - model.squared_frequency.cwiseProduct(state.z);
-  modal.noalias() += model.coupling.topRows<3>().transpose() * g;
+  addTransposed(1.0, model.coupling.topRows<3>(), g.data(), modal.data());
   addSpin(model, state, w, modal);
-  b.tail(r) = (model.coupling.transpose() * u + state.speed) / dt + modal;
+  ModalVector before = state.speed;
+  addTransposed(1.0, model.coupling, u.data(), before.data());
+  b.tail(r) = before / dt + modal;
 
   factorHandle(model, input);
   TickUnknowns& y = b;
   factor_.solve(y);
   if (model.contacts > 0) {
     placeContacts(model, state, pose, dt);
-    contacts_.free = dt * (jacobian_ * y);
-    contacts_.free.noalias() -= share * (model.compliance * state.damped_force);
+    contacts_.free.setZero(3 * model.contacts);
+    addProduct(dt, jacobian_, y.data(), contacts_.free.data());
+    addProduct(-share, model.compliance, state.damped_force.data(), contacts_.free.data());
     if (contacts_.any()) {
       factor_.solveLower(jacobian_);  // L^-1 J^T, transposed, from here on
       contacts_.compliance = share * model.compliance;
       addGram(dt, jacobian_, contacts_.compliance);
       sweep(contacts_, kSweeps, state.contact_force);
-      TickUnknowns push(6 + r);
-      push.noalias() = jacobian_.transpose() * state.contact_force;
+      TickUnknowns push = TickUnknowns::Zero(6 + r);
+      addTransposed(1.0, jacobian_, state.contact_force.data(), push.data());
       factor_.solveUpper(push);
       y += push;
     } else {
@@ -198,20 +219,23 @@ Vec6 LiveTick::step(const LiveModel& model, const LiveTickInput& input, const Po
 
 void LiveTick::replay(const LiveModel& model, double dt, const Vec3& gravity, const PathPoint& from,
                       const PathPoint& to, LiveState& state) noexcept {
+  const int r = model.modes();
   const double share = filterShare(model, dt);
   const Mat3 rotation = from.pose.matrix(), rt = rotation.transpose();
   const Vec6 u = inFrame(rt, from.twist), next = inFrame(rt, to.twist);
   const Vec3 g = rt * gravity;
   inverse_ = (1.0 / dt + model.alpha + (model.beta + dt) * model.squared_frequency.array()).inverse().matrix();
   ModalVector modal = model.force - model.squared_frequency.cwiseProduct(state.z);
-  modal.noalias() += model.coupling.topRows<3>().transpose() * g;
-  modal.noalias() -= model.coupling.transpose() * ((next - u) / dt + model.alpha * next);
+  addTransposed(1.0, model.coupling.topRows<3>(), g.data(), modal.data());
+  const Vec6 pulled = (next - u) / dt + model.alpha * next;
+  addTransposed(-1.0, model.coupling, pulled.data(), modal.data());
   addSpin(model, state, u.tail<3>(), modal);
   ModalVector y = inverse_.cwiseProduct(state.speed / dt + modal);
   if (model.contacts > 0) {
     placeContacts(model, state, from.pose, dt);
-    contacts_.free = dt * (shape_ * y);
-    contacts_.free.noalias() -= share * (model.compliance * state.damped_force);
+    contacts_.free.setZero(3 * model.contacts);
+    addProduct(dt, shape_, y.data(), contacts_.free.data());
+    addProduct(-share, model.compliance, state.damped_force.data(), contacts_.free.data());
     const Mat3 turned = rt * to.pose.matrix() - Mat3::Identity();
     const Vec3 moved = rt * (to.pose.position - from.pose.position);
     for (int i = 0; i < model.contacts; ++i) {
@@ -223,7 +247,9 @@ void LiveTick::replay(const LiveModel& model, double dt, const Vec3& gravity, co
       contacts_.compliance = share * model.compliance;
       addGram(1.0, scaled, contacts_.compliance);
       sweep(contacts_, kSweeps, state.contact_force);
-      y += inverse_.cwiseProduct(shape_.transpose() * state.contact_force);
+      ModalVector push = ModalVector::Zero(r);
+      addTransposed(1.0, shape_, state.contact_force.data(), push.data());
+      y += inverse_.cwiseProduct(push);
     } else {
       state.contact_force.setZero();
     }
@@ -255,15 +281,15 @@ double liveEnergy(const LiveModel& model, const LiveState& state, const Pose& po
   const Mat3 rt = pose.matrix().transpose();
   const Vec6 u = inFrame(rt, twist);
   const Vec3 g = rt * gravity;
-  double energy = 0.5 * u.dot(model.inertia * u) + u.dot(model.coupling * state.speed) +
-                  0.5 * state.speed.squaredNorm() + model.elastic_energy - model.force.dot(state.z) +
+  Vec6 flow = Vec6::Zero();
+  addProduct(1.0, model.coupling, state.speed.data(), flow.data());
+  double energy = 0.5 * u.dot(model.inertia * u) + u.dot(flow) + 0.5 * state.speed.squaredNorm() +
+                  model.elastic_energy - model.force.dot(state.z) +
                   0.5 * state.z.dot(model.squared_frequency.cwiseProduct(state.z));
   if (model.contacts > 0) {
-    energy += 0.5 * state.damped_force.dot(model.compliance * state.damped_force) -
-              0.5 * model.damped_force.dot(model.compliance * model.damped_force);
+    energy += contactEnergy(model, state.damped_force) - contactEnergy(model, model.damped_force);
   }
-  return energy - model.mass * gravity.dot(pose.position) -
-         (model.moment + model.coupling.topRows<3>() * state.z).dot(g);
+  return energy - model.mass * gravity.dot(pose.position) - deformedMoment(model, state).dot(g);
 }
 
 }  // namespace palpate

@@ -9,6 +9,34 @@ constexpr int kStride = LiveSize::kUnknowns;
 
 }  // namespace
 
+void addProduct(double scale, const TickMatrix& a, const double* x, double* y) noexcept {
+  Eigen::Index c = 0;
+  for (; c + 1 < a.columns; c += 2) {
+    const double* const first = a.data + c * a.stride;
+    const double* const second = first + a.stride;
+    const double f = scale * x[c], g = scale * x[c + 1];
+    for (Eigen::Index i = 0; i < a.rows; ++i) y[i] += f * first[i] + g * second[i];
+  }
+  if (c == a.columns) return;
+  const double* const last = a.data + c * a.stride;
+  const double f = scale * x[c];
+  for (Eigen::Index i = 0; i < a.rows; ++i) y[i] += f * last[i];
+}
+
+void addTransposed(double scale, const TickMatrix& a, const double* x, double* y) noexcept {
+  for (Eigen::Index c = 0; c < a.columns; ++c) {
+    const double* const column = a.data + c * a.stride;
+    double even = 0, odd = 0;
+    Eigen::Index i = 0;
+    for (; i + 1 < a.rows; i += 2) {
+      even += column[i] * x[i];
+      odd += column[i + 1] * x[i + 1];
+    }
+    if (i < a.rows) even += column[i] * x[i];
+    y[c] += scale * (even + odd);
+  }
+}
+
 void TickCholesky::factor(const Matrix& a) noexcept {
   size_ = static_cast<int>(a.rows());
   for (int i = 0; i < size_; ++i) {

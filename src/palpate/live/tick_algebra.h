@@ -13,6 +13,22 @@ using TickUnknowns = BoundedVector<LiveSize::kUnknowns>;
 using TickRows = BoundedMatrix<LiveSize::kRows, LiveSize::kUnknowns>;
 using TickCompliance = BoundedMatrix<LiveSize::kRows, LiveSize::kRows>;
 
+/// A matrix by columns, or rows of one, as it lies in memory.
+struct TickMatrix {
+  const double* data;
+  Eigen::Index rows, columns, stride;
+  template <typename Matrix>
+  TickMatrix(const Matrix& m)  // NOLINT(google-explicit-constructor): it stands for the matrix
+      : data(m.data()), rows(m.rows()), columns(m.cols()), stride(m.outerStride()) {
+    static_assert(!Matrix::IsRowMajor);
+  }
+};
+
+/// y += scale A x, for as many entries of x as A has columns.
+void addProduct(double scale, const TickMatrix& a, const double* x, double* y) noexcept;
+/// y += scale A^T x
+void addTransposed(double scale, const TickMatrix& a, const double* x, double* y) noexcept;
+
 /// A = L L^T of a positive definite matrix; of another one all results are not finite.
 class TickCholesky {
  public:
