@@ -221,14 +221,18 @@ set(PALPATE_EXPORTS ${CMAKE_CURRENT_LIST_DIR}/../src/palpate/library/exports.map
 function(palpate_library name)
   cmake_parse_arguments(LIB "" "SHOWN" "SOURCES;DEPENDS;PUBLIC;LIBRARIES" ${ARGN})
   palpate_join(joined ${name} ${LIB_SOURCES})
-  add_library(palpate_${name} SHARED ${joined})
-  add_library(palpate::${LIB_SHOWN} ALIAS palpate_${name})
+  # compiled beside the rooms, in place of after them
+  add_library(palpate_${name}_objects OBJECT ${joined})
   if(PALPATE_PACKAGES)
-    palpate_reuse_headers(palpate_${name} palpate_headers -g) # for tools/check_abi; packages are stripped
+    palpate_reuse_headers(palpate_${name}_objects palpate_headers -g) # for tools/check_abi; packages are stripped
   else()
-    target_precompile_headers(palpate_${name} REUSE_FROM palpate_headers)
+    target_precompile_headers(palpate_${name}_objects REUSE_FROM palpate_headers)
   endif()
-  target_compile_definitions(palpate_${name} PRIVATE PALPATE_WITHIN)
+  target_compile_definitions(palpate_${name}_objects PRIVATE PALPATE_WITHIN)
+  target_include_directories(palpate_${name}_objects PRIVATE ${PROJECT_SOURCE_DIR}/include)
+  target_link_libraries(palpate_${name}_objects PRIVATE palpate_options ${LIB_LIBRARIES})
+  add_library(palpate_${name} SHARED $<TARGET_OBJECTS:palpate_${name}_objects>)
+  add_library(palpate::${LIB_SHOWN} ALIAS palpate_${name})
   target_compile_features(palpate_${name} INTERFACE cxx_std_20)
   target_include_directories(palpate_${name} PUBLIC $<BUILD_INTERFACE:${PROJECT_SOURCE_DIR}/include>
                                                     $<INSTALL_INTERFACE:${CMAKE_INSTALL_INCLUDEDIR}>)

@@ -128,8 +128,8 @@ const char* causeText(int cause) {
 }
 
 // The device's axes: x towards the person, y right, z up.
-Vec3 ours(const Vec3& v) { return {v.y(), -v.x(), v.z()}; }
-Vec3 theirs(const Vec3& v) { return {-v.y(), v.x(), v.z()}; }
+Vec3 fromForceDimension(const Vec3& v) { return {v.y(), -v.x(), v.z()}; }
+Vec3 toForceDimension(const Vec3& v) { return {-v.y(), v.x(), v.z()}; }
 
 class ForceDimensionDriver final : public DeviceDriver {
  public:
@@ -180,9 +180,9 @@ class ForceDimensionDriver final : public DeviceDriver {
     for (int i = 0; i < 3; ++i) turn.row(i) = Vec3(frame[i][0], frame[i][1], frame[i][2]);
     Mat3 axes;
     axes << 0, 1, 0, -1, 0, 0, 0, 0, 1;
-    sample.pose.position = ours(p);
+    sample.pose.position = fromForceDimension(p);
     sample.pose.rotation = Quat(Mat3(axes * turn * axes.transpose())).normalized();
-    sample.twist << ours(v), ours(w);
+    sample.twist << fromForceDimension(v), fromForceDimension(w);
     sample.buttons = lib_.getButtonMask ? lib_.getButtonMask(kId) : 0;
     const char* off = forceOff();
     trouble_.store(off, std::memory_order_relaxed);
@@ -338,7 +338,7 @@ class ForceDimensionDriver final : public DeviceDriver {
   }
 
   int send(const Vec6& wrench) noexcept {
-    const Vec3 f = theirs(wrench.head<3>()), t = theirs(wrench.tail<3>());
+    const Vec3 f = toForceDimension(wrench.head<3>()), t = toForceDimension(wrench.tail<3>());
     const int result = lib_.setForce(f.x(), f.y(), f.z(), t.x(), t.y(), t.z(), 0.0, kId);
     if (result < 0) ++refused_;
     if (result == 2) ++saturated_;

@@ -97,8 +97,8 @@ struct Library {
 };
 
 // The library's x right, y up, z towards the person.
-Vec3 ours(const Vec3& v) { return {v.x(), -v.z(), v.y()}; }
-Vec3 theirs(const Vec3& v) { return {v.x(), v.z(), -v.y()}; }
+Vec3 fromOpenHaptics(const Vec3& v) { return {v.x(), -v.z(), v.y()}; }
+Vec3 toOpenHaptics(const Vec3& v) { return {v.x(), v.z(), -v.y()}; }
 
 constexpr unsigned short kPriority = 65535;
 constexpr auto kSilence = std::chrono::milliseconds(500);  // without a call: the library calls no more
@@ -175,14 +175,15 @@ class OpenHapticsDriver final : public DeviceDriver {
       for (int column = 0; column < 3; ++column) turn(row, column) = transform[4 * column + row];
     }
     axes << 1, 0, 0, 0, 0, -1, 0, 1, 0;
-    sample.pose.position = 1e-3 * ours(Vec3(position[0], position[1], position[2]));
+    sample.pose.position = 1e-3 * fromOpenHaptics(Vec3(position[0], position[1], position[2]));
     sample.pose.rotation = Quat(Mat3(axes * turn * axes.transpose()));
-    sample.twist << 1e-3 * ours(Vec3(velocity[0], velocity[1], velocity[2])), ours(Vec3(spin[0], spin[1], spin[2]));
+    sample.twist << 1e-3 * fromOpenHaptics(Vec3(velocity[0], velocity[1], velocity[2])),
+        fromOpenHaptics(Vec3(spin[0], spin[1], spin[2]));
     sample.buttons = static_cast<std::uint32_t>(buttons);
     return trouble == nullptr;
   }
 
-  void write(const Vec6& wrench) noexcept override { force_ = theirs(wrench.head<3>()); }
+  void write(const Vec6& wrench) noexcept override { force_ = toOpenHaptics(wrench.head<3>()); }
   void release() noexcept override { force_.setZero(); }
   const char* trouble() const noexcept override { return trouble_.load(std::memory_order_relaxed); }
   bool failed() const noexcept override { return failed_.load(std::memory_order_relaxed); }

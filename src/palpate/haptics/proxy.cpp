@@ -1,7 +1,5 @@
 #include "palpate/haptics/proxy.h"
 
-#include <Eigen/Cholesky>
-
 #include "palpate/common/error.h"
 #include "palpate/math/decompositions.h"
 
@@ -68,7 +66,7 @@ HandleProxy::HandleProxy(const ProxySettings& settings) : settings_(settings) {
   requirePositive(settings.max_model_rotation, "max_model_rotation");
   if (!settings.gravity.allFinite()) throw InputError("proxy", "gravity", "must be finite");
   const bool symmetric = (settings.inertia - settings.inertia.transpose()).norm() <= 1e-9 * settings.inertia.norm();
-  if (!settings.inertia.allFinite() || !symmetric || Eigen::LLT<Mat3>(settings.inertia).info() != Eigen::Success)
+  if (!settings.inertia.allFinite() || !symmetric || !isPositiveDefinite(MatX(settings.inertia)))
     throw InputError("proxy", "inertia", "must be symmetric and positive definite");
 }
 
