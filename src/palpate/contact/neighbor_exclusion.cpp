@@ -15,18 +15,6 @@ std::vector<int> sortedUnique(std::vector<int> v) {
   return v;
 }
 
-double meanEdge(const TetrahedralMesh& mesh) {
-  double edge = 0;
-  for (const auto& t : mesh.tetrahedra) {
-    for (int i = 0; i < 4; ++i) {
-      for (int j = 0; j < i; ++j) {
-        edge += (mesh.nodes[t[i]] - mesh.nodes[t[j]]).norm() / (6.0 * static_cast<double>(mesh.tetrahedra.size()));
-      }
-    }
-  }
-  return edge;
-}
-
 // For each tetrahedron those that share a node with it, itself included, in order.
 std::vector<std::vector<int>> nodeNeighbors(const TetrahedralMesh& mesh) {
   std::vector<std::vector<int>> at_node(mesh.nodes.size());
@@ -67,6 +55,18 @@ struct SurfaceBoxes {
 };
 
 }  // namespace
+
+double meanEdge(const TetrahedralMesh& mesh) {
+  double edge = 0;
+  for (const auto& t : mesh.tetrahedra) {
+    for (int i = 0; i < 4; ++i) {
+      for (int j = 0; j < i; ++j) {
+        edge += (mesh.nodes[t[i]] - mesh.nodes[t[j]]).norm() / (6.0 * static_cast<double>(mesh.tetrahedra.size()));
+      }
+    }
+  }
+  return edge;
+}
 
 SelfExclusion excludeNeighbors(const CollisionSurface& surface, const std::vector<int>& tetrahedron,
                                const TetrahedralMesh& mesh) {

@@ -31,6 +31,10 @@ int heaviest(const std::array<int, 3>& vertex, const std::array<double, 3>& weig
   return vertex[best];
 }
 
+// Mean edges between tetrahedra, at rest: nearer ones do not touch where one is turned over. With less, some stay
+// turned over; with more, limbs pass through each other.
+constexpr double kFoldReach = 2.0;
+
 const int* nodesOf(const EmbeddingMap& embedding, int vertex) { return embedding.nodes().data() + 4 * vertex; }
 const double* weightsOf(const EmbeddingMap& embedding, int vertex) { return embedding.weights().data() + 4 * vertex; }
 
@@ -117,7 +121,10 @@ void SurfaceContacts::addBody(int body, const SimulationMesh& mesh, bool self) {
   }
   item.rest = item.end = item.start;
   item.end_placed = false;
-  if (self && !clusters.empty()) item.tetrahedra = mesh.mesh.tetrahedra;  // one alone does not touch itself
+  if (self && !clusters.empty()) {  // one alone does not touch itself
+    item.tetrahedra = mesh.mesh.tetrahedra;
+    item.fold_reach = kFoldReach * meanEdge(mesh.mesh);
+  }
   if (self) item.exclusion = excludeNeighbors(item.surface, item.patch, mesh.mesh);
   if (clusters.empty()) {
     for (int c = 0; c < item.surface.clusters(); ++c) {
@@ -306,14 +313,24 @@ void SurfaceContacts::findTangle(Item& item) {
   }
 }
 
-// Contact of what passes through itself, at the crossing or from within, or of what is inside out.
+// Of a tetrahedron.
+Vec3 SurfaceContacts::restCenter(const Item& item, int tetrahedron) {
+  Vec3 sum = Vec3::Zero();
+  for (const int n : item.tetrahedra[static_cast<std::size_t>(tetrahedron)]) sum += item.rest.segment<3>(3 * n);
+  return 0.25 * sum;
+}
+
+// Contact of what passes through itself, at the crossing or from within, or of what is inside out, with what is near.
 bool SurfaceContacts::inTangle(const Item& item, const FeaturePair& pair) {
   const auto any = [](const std::array<int, 3>& vertices, const std::vector<char>& marks) {
     return std::any_of(vertices.begin(), vertices.end(),
                        [&](int v) { return v >= 0 && marks[static_cast<std::size_t>(v)] != 0; });
   };
-  if (!item.folded.empty() && (any(pair.first_vertex, item.folded) || any(pair.second_vertex, item.folded)))
-    return true;
+  if (!item.folded.empty() && (any(pair.first_vertex, item.folded) || any(pair.second_vertex, item.folded))) {
+    const int one = item.patch[static_cast<std::size_t>(pair.first_vertex[0])];
+    const int other = item.patch[static_cast<std::size_t>(pair.second_vertex[0])];
+    if ((restCenter(item, one) - restCenter(item, other)).norm() < item.fold_reach) return true;
+  }
   if (!item.tangled) return false;
   return pair.from_inside || (any(pair.first_vertex, item.crossed) && any(pair.second_vertex, item.crossed));
 }

@@ -48,8 +48,8 @@ class SurfaceContacts {
   void setEnd(int body, const VecX& x);
   /// Before the first find() of a step: looks for surfaces that start inside each other, among pairs that may; and,
   /// after trouble, where tetrahedra are turned over, or as long as there are some, for places where a surface passes
-  /// through itself. Contact there, and of what is inside out, would keep it so: it is left out until elasticity has
-  /// pulled it apart.
+  /// through itself. Contact there, and of what is inside out with what is near, would keep it so: it is left out until
+  /// elasticity has pulled it apart.
   /// @param trouble  the steps before could not keep what they should
   void examineOverlaps(bool trouble);
   /// Pairs that were seen apart are examined for overlap again, and surfaces for passing through themselves (after
@@ -94,6 +94,7 @@ class SurfaceContacts {
     std::vector<char> crossed;  // vertices of triangles that pass through each other, while it is tangled
     std::vector<std::array<int, 4>> tetrahedra;  // of what touches itself
     std::vector<char> folded;                    // vertices that tetrahedra carry which start turned over; empty: none
+    double fold_reach = 0;                       // what is within, at rest, does not touch what is turned over [m]
     std::vector<int> patch;                      // of each vertex: what moves affinely
     double extension = 1;                        // largest sum of a vertex's absolute weights
     VecX rest;                                   // node positions, as built
@@ -136,6 +137,7 @@ class SurfaceContacts {
   void keepDependable();
   void findTangle(Item& item);
   void findFolded(Item& item);
+  static Vec3 restCenter(const Item& item, int tetrahedron);
   static bool inTangle(const Item& item, const FeaturePair& pair);
   void addOverlap(std::size_t ia, std::size_t ib, const OverlapPoint& overlap, const ContactSettings& settings,
                   double mu, std::vector<Contact>& out);

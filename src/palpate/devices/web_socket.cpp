@@ -146,6 +146,7 @@ bool waitUntil(asio::io_context& io, const bool& done, Clock::time_point deadlin
   io.restart();
   while (!done && io.run_one_until(deadline) > 0) {
   }
+  if (!done) io.poll();  // a process that stood still finds the time over, and what it waits for there
   return done;
 }
 
