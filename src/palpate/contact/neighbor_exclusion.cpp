@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "palpate/mesh/mesh_quality.h"
 #include "palpate/mesh/surface_measures.h"
 
 namespace palpate {
@@ -55,18 +56,6 @@ struct SurfaceBoxes {
 };
 
 }  // namespace
-
-double meanEdge(const TetrahedralMesh& mesh) {
-  double edge = 0;
-  for (const auto& t : mesh.tetrahedra) {
-    for (int i = 0; i < 4; ++i) {
-      for (int j = 0; j < i; ++j) {
-        edge += (mesh.nodes[t[i]] - mesh.nodes[t[j]]).norm() / (6.0 * static_cast<double>(mesh.tetrahedra.size()));
-      }
-    }
-  }
-  return edge;
-}
 
 SelfExclusion excludeNeighbors(const CollisionSurface& surface, const std::vector<int>& tetrahedron,
                                const TetrahedralMesh& mesh) {

@@ -14,7 +14,4 @@ namespace palpate {
 SelfExclusion excludeNeighbors(const CollisionSurface& surface, const std::vector<int>& tetrahedron,
                                const TetrahedralMesh& mesh);
 
-/// Length of a mesh's edges, each as often as it has tetrahedra [m].
-double meanEdge(const TetrahedralMesh& mesh);
-
 }  // namespace palpate

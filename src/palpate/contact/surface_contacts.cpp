@@ -8,6 +8,7 @@
 #include "palpate/contact/feature_distance.h"
 #include "palpate/contact/neighbor_exclusion.h"
 #include "palpate/contact/self_intersections.h"
+#include "palpate/mesh/mesh_quality.h"
 
 namespace palpate {
 namespace {
@@ -286,9 +287,7 @@ void SurfaceContacts::findFolded(Item& item) {
   item.folded.clear();
   over_.clear();
   for (std::size_t t = 0; t < item.tetrahedra.size(); ++t) {
-    const auto at = [&](int k) { return item.start.segment<3>(3 * item.tetrahedra[t][k]); };
-    const Vec3 a = at(1) - at(0), b = at(2) - at(0), c = at(3) - at(0);
-    if (a.cross(b).dot(c) > 0) continue;
+    if (!isTurnedOver(item.tetrahedra[t], item.start)) continue;
     over_.resize(item.tetrahedra.size(), 0);
     over_[t] = 1;
   }

@@ -34,6 +34,24 @@ double tetrahedronVolume(const TetrahedralMesh& mesh, const std::array<int, 4>& 
          6;
 }
 
+bool isTurnedOver(const std::array<int, 4>& t, const VecX& positions) {
+  const auto at = [&](size_t k) { return positions.segment<3>(3 * t[k]); };
+  const Vec3 u = at(1) - at(0), v = at(2) - at(0), w = at(3) - at(0);
+  return !(u.cross(v).dot(w) > 0);
+}
+
+double meanEdge(const TetrahedralMesh& mesh) {
+  double edge = 0;
+  for (const auto& t : mesh.tetrahedra) {
+    for (int i = 0; i < 4; ++i) {
+      for (int j = 0; j < i; ++j) {
+        edge += (mesh.nodes[t[i]] - mesh.nodes[t[j]]).norm() / (6.0 * static_cast<double>(mesh.tetrahedra.size()));
+      }
+    }
+  }
+  return edge;
+}
+
 TetrahedraQuality measureQuality(const TetrahedralMesh& mesh) {
   TetrahedraQuality q;
   if (mesh.tetrahedra.empty()) return q;

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "palpate/contact/neighbor_exclusion.h"
+#include "palpate/mesh/mesh_quality.h"
 
 namespace palpate {
 namespace {
@@ -20,13 +21,8 @@ bool isFinite(const World& world) {
 }  // namespace
 
 int invertedTetrahedra(const TetrahedralMesh& mesh, const VecX& positions) {
-  int count = 0;
-  for (const auto& t : mesh.tetrahedra) {
-    const auto at = [&](int k) { return positions.segment<3>(3 * t[k]); };
-    const Vec3 u = at(1) - at(0), v = at(2) - at(0), w = at(3) - at(0);
-    if (!(u.cross(v).dot(w) > 0)) ++count;
-  }
-  return count;
+  return static_cast<int>(std::count_if(mesh.tetrahedra.begin(), mesh.tetrahedra.end(),
+                                        [&](const auto& t) { return isTurnedOver(t, positions); }));
 }
 
 Examiner::Examiner(const World& world, double inside, const std::vector<int>& crossable) : inside_(inside) {
