@@ -3,6 +3,8 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+
 #include "palpate/math/rotation.h"
 #include "palpate/study/check.h"
 #include "shared/held_scenes.h"
@@ -11,6 +13,13 @@ namespace palpate {
 namespace {
 
 using namespace test;
+
+int flatOnesAtTheHandle(const Body& tool) {
+  const std::vector<int>& boundary = tool.model.boundaryElements();
+  const std::vector<FlatElement>& flat = tool.state.elastic.flat;
+  return static_cast<int>(
+      std::count_if(boundary.begin(), boundary.end(), [&](int e) { return flatElement(flat, e) != nullptr; }));
+}
 
 // Soft 6 cm cube of 162 tetrahedra held at its top layer, bottom at z = 0.
 World heldCube(double friction, FrictionCone cone = {}) {
@@ -55,6 +64,7 @@ TEST_P(Linearization, AgreesWithCentralDifferences) {
     EXPECT_LT(check.force_error, 1e-9);
     EXPECT_GE(check.sticking, regime.least_sticking);
     EXPECT_GE(check.sliding, regime.least_sliding);
+    EXPECT_EQ(flatOnesAtTheHandle(world.tool()) > 0, std::string(regime.name) == "pressed_flat");
     if (derivative == Derivative::frozen) {
       EXPECT_LT(check.kx_frozen.worst(), 1e-6);
       EXPECT_LT(check.kv_frozen.worst(), 1e-6);
@@ -83,6 +93,7 @@ INSTANTIATE_TEST_SUITE_P(
                4},
         Regime{"sliding_exact", 0.3, true, vec6(0.02, 0.009, -0.01, 0, 0, 0.1), vec6(0.3, 0.1, 0, 0, 0, 0), 10, 0, 4},
         Regime{"frictionless", 0.0, false, vec6(0.01, 0, -0.01, 0.2, 0, 0), vec6(0.1, 0, 0, 0, 0, 0), 10, 0, 4},
+        Regime{"pressed_flat", 0.5, false, vec6(0.002, 0, -0.16, 0.1, 0.05, 0), vec6(0, 0, -0.1, 0, 0, 0), 40, 4, 0},
         Regime{"on_the_handle", 0.4, false, vec6(0, 0, -0.035, 2.2, 0, 0), vec6(0, 0.2, 0, 1, 0, 0), 40, 0, 1}),
     [](const auto& regime) { return std::string(regime.param.name); });
 

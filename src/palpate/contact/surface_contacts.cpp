@@ -32,10 +32,6 @@ int heaviest(const std::array<int, 3>& vertex, const std::array<double, 3>& weig
   return vertex[best];
 }
 
-// Mean edges between tetrahedra, at rest: nearer ones do not touch where one is turned over. With less, some stay
-// turned over; with more, limbs pass through each other.
-constexpr double kFoldReach = 2.0;
-
 const int* nodesOf(const EmbeddingMap& embedding, int vertex) { return embedding.nodes().data() + 4 * vertex; }
 const double* weightsOf(const EmbeddingMap& embedding, int vertex) { return embedding.weights().data() + 4 * vertex; }
 
@@ -124,7 +120,6 @@ void SurfaceContacts::addBody(int body, const SimulationMesh& mesh, bool self) {
   item.end_placed = false;
   if (self && !clusters.empty()) {  // one alone does not touch itself
     item.tetrahedra = mesh.mesh.tetrahedra;
-    item.fold_reach = kFoldReach * meanEdge(mesh.mesh);
   }
   if (self) item.exclusion = excludeNeighbors(item.surface, item.patch, mesh.mesh);
   if (clusters.empty()) {
@@ -282,19 +277,6 @@ void SurfaceContacts::restore(const SurfaceContactsState& state) {
   }
 }
 
-// Vertices that tetrahedra carry which are turned over: surface there is inside out.
-void SurfaceContacts::findFolded(Item& item) {
-  item.folded.clear();
-  over_.clear();
-  for (std::size_t t = 0; t < item.tetrahedra.size(); ++t) {
-    if (!isTurnedOver(item.tetrahedra[t], item.start)) continue;
-    over_.resize(item.tetrahedra.size(), 0);
-    over_[t] = 1;
-  }
-  if (over_.empty()) return;
-  for (const int t : item.patch) item.folded.push_back(over_[static_cast<std::size_t>(t)]);
-}
-
 void SurfaceContacts::findTangle(Item& item) {
   refit(item);
   crossings_.clear();
@@ -312,24 +294,12 @@ void SurfaceContacts::findTangle(Item& item) {
   }
 }
 
-// Of a tetrahedron.
-Vec3 SurfaceContacts::restCenter(const Item& item, int tetrahedron) {
-  Vec3 sum = Vec3::Zero();
-  for (const int n : item.tetrahedra[static_cast<std::size_t>(tetrahedron)]) sum += item.rest.segment<3>(3 * n);
-  return 0.25 * sum;
-}
-
-// Contact of what passes through itself, at the crossing or from within, or of what is inside out, with what is near.
+// Contact of what passes through itself, at the crossing or from within.
 bool SurfaceContacts::inTangle(const Item& item, const FeaturePair& pair) {
   const auto any = [](const std::array<int, 3>& vertices, const std::vector<char>& marks) {
     return std::any_of(vertices.begin(), vertices.end(),
                        [&](int v) { return v >= 0 && marks[static_cast<std::size_t>(v)] != 0; });
   };
-  if (!item.folded.empty() && (any(pair.first_vertex, item.folded) || any(pair.second_vertex, item.folded))) {
-    const int one = item.patch[static_cast<std::size_t>(pair.first_vertex[0])];
-    const int other = item.patch[static_cast<std::size_t>(pair.second_vertex[0])];
-    if ((restCenter(item, one) - restCenter(item, other)).norm() < item.fold_reach) return true;
-  }
   if (!item.tangled) return false;
   return pair.from_inside || (any(pair.first_vertex, item.crossed) && any(pair.second_vertex, item.crossed));
 }
@@ -338,8 +308,9 @@ void SurfaceContacts::examineOverlaps(bool trouble) {
   overlap_ = 0;
   for (Item& item : items_) {
     if (!item.self) continue;
-    findFolded(item);
-    if ((trouble || item.tangled || !item.folded.empty()) && !item.tangle_known) findTangle(item);
+    const bool folded = std::any_of(item.tetrahedra.begin(), item.tetrahedra.end(),
+                                    [&](const auto& t) { return isTurnedOver(t, item.start); });
+    if ((trouble || item.tangled || folded) && !item.tangle_known) findTangle(item);
   }
   for (std::size_t b = 1; b < items_.size(); ++b) {
     for (std::size_t a = 0; a < b; ++a) {

@@ -93,8 +93,6 @@ class SurfaceContacts {
     bool tangle_known = false;  // as of the present start
     std::vector<char> crossed;  // vertices of triangles that pass through each other, while it is tangled
     std::vector<std::array<int, 4>> tetrahedra;  // of what touches itself
-    std::vector<char> folded;                    // vertices that tetrahedra carry which start turned over; empty: none
-    double fold_reach = 0;                       // what is within, at rest, does not touch what is turned over [m]
     std::vector<int> patch;                      // of each vertex: what moves affinely
     double extension = 1;                        // largest sum of a vertex's absolute weights
     VecX rest;                                   // node positions, as built
@@ -136,8 +134,6 @@ class SurfaceContacts {
            bool overlapping, std::vector<Contact>& out);
   void keepDependable();
   void findTangle(Item& item);
-  void findFolded(Item& item);
-  static Vec3 restCenter(const Item& item, int tetrahedron);
   static bool inTangle(const Item& item, const FeaturePair& pair);
   void addOverlap(std::size_t ia, std::size_t ib, const OverlapPoint& overlap, const ContactSettings& settings,
                   double mu, std::vector<Contact>& out);
@@ -147,7 +143,6 @@ class SurfaceContacts {
   SurfacePairFinder finder_;
   std::vector<FeaturePair> found_;
   std::vector<std::array<int, 2>> crossings_;
-  std::vector<char> over_;  // scratch: a tetrahedron is turned over
   double overlap_ = 0;
 };
 

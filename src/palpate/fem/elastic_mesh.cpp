@@ -57,6 +57,10 @@ ElasticElement makeElement(const SimulationMesh& mesh, int index, const ElementM
   return e;
 }
 
+FlatElement flatten(const ElasticElement& e, int index, const Mat3& rotation, const Mat3& turned) {
+  return {index, rotation, turned, e.lambda + 2 * e.mu};
+}
+
 // With the stiffness scaled: K of the element's own moduli times scale.
 ElementForces forcesOf(const ElasticElement& e, double scale, const Mat3& rotation, const Mat3& gradient) {
   const double mu = scale * e.mu, lambda = scale * e.lambda;
@@ -66,10 +70,16 @@ ElementForces forcesOf(const ElasticElement& e, double scale, const Mat3& rotati
   const double trace = strain.trace();
   Mat3 stress = 2.0 * mu * strain;
   stress.diagonal().array() += lambda * trace;
-  const Mat3 p = rotation * stress;
   ElementForces own;
-  for (int k = 0; k < 4; ++k) own.force[k] = -p * e.gradient[k];
   own.energy = mu * strain.squaredNorm() + 0.5 * lambda * trace * trace;
+  own.flat = !isThick(g);
+  if (own.flat) {
+    const FlatElement flat = flatten(e, 0, Mat3::Identity(), g);
+    own.energy += scale * flat.energy;
+    stress += scale * (flat.frame * flat.stress.asDiagonal() * flat.frame.transpose());
+  }
+  const Mat3 p = rotation * stress;
+  for (int k = 0; k < 4; ++k) own.force[k] = -p * e.gradient[k];
   return own;
 }
 
@@ -145,8 +155,12 @@ ElasticState ElasticMesh::stateAt(const VecX& x) const {
 }
 
 void ElasticMesh::updateRotations(const VecX& x, ElasticState& state) const {
+  state.flat.clear();
   for (std::size_t i = 0; i < elements_.size(); ++i) {
-    state.rotations[i] = polarRotation(elements_[i].deformationGradient(x), state.rotations[i]);
+    const Mat3 gradient = elements_[i].deformationGradient(x);
+    state.rotations[i] = polarRotation(gradient, state.rotations[i]);
+    const Mat3 g = state.rotations[i].transpose() * gradient;
+    if (!isThick(g)) state.flat.push_back(flatten(elements_[i], static_cast<int>(i), state.rotations[i], g));
   }
 }
 
@@ -181,7 +195,12 @@ double ElasticMesh::energyAt(const VecX& x, const ElasticState& state, ElasticAh
     }
   });
   ahead.forces.setZero(3 * nodes());
+  ahead.flat.clear();
   for (int i = 0; i < count; ++i) {
+    if (ahead.element[i].flat) {
+      const Mat3 g = ahead.rotations[i].transpose() * elements_[i].deformationGradient(x);
+      ahead.flat.push_back(flatten(elements_[i], i, ahead.rotations[i], g));
+    }
     add(elements_[i], ahead.element[i], ahead.forces);
     sum += ahead.element[i].energy;
   }
@@ -273,6 +292,15 @@ void ElasticMesh::assemblePart(int index, double mass_scale, double stiffness_sc
       if (s.slot < part.first || s.slot >= part.end) continue;
       a.block(s.slot) += scale * e.stiffness(c, s.i, s.j);
       if (tense) a.block(s.slot).noalias() += scale * (turning[s.i] * turning[s.j].transpose());
+    }
+  }
+  for (const FlatElement& flat : state.flat) {
+    const std::array<Vec3, 4> c = elements_[flat.element].rotatedGradients(state.rotations[flat.element]);
+    std::array<FlatElement::Factor, 4> b;
+    for (int k = 0; k < 4; ++k) b[k] = flat.factor(c[k]);
+    for (const PairSlot& s : slots_[flat.element]) {
+      if (s.slot < part.first || s.slot >= part.end) continue;
+      a.block(s.slot).noalias() += scale * (b[s.i] * b[s.j].transpose());
     }
   }
 }

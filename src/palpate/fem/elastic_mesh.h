@@ -3,6 +3,7 @@
 #include <array>
 #include <vector>
 
+#include "palpate/fem/flat_element.h"
 #include "palpate/fem/material.h"
 #include "palpate/linear/symmetric_block_matrix.h"
 #include "palpate/math/types.h"
@@ -23,6 +24,7 @@ std::vector<Vec3> elementCentroids(const TetrahedralMesh& mesh);
 /// (Smith, de Goes, Kim 2019, "Analytic eigensystems for isotropic distortion energies"). Positive under tension, where
 /// it is what keeps a rope straight; cut off at zero it makes the whole stiffness, positive semidefinite:
 ///   K_ij += B_i B_j^T,   B_i = [c_i]x P,   P = R V diag(sqrt(t_k / 2))
+/// One that is pressed flat resists more: FlatElement.
 struct ElasticElement {
   std::array<int, 4> node;
   std::array<Vec3, 4> gradient;  ///< grad N_i in the rest shape [1/m]
@@ -49,13 +51,15 @@ struct ElasticElement {
 struct ElasticState {
   std::vector<Mat3>
       rotations;  ///< one an element, of the last step's start: its next polar decomposition's first guess
-  double stiffness_scale = 1.0;  ///< factor > 0 on all moduli; damping follows
+  double stiffness_scale = 1.0;   ///< factor > 0 on all moduli; damping follows
+  std::vector<FlatElement> flat;  ///< by element, of the positions that the rotations are for; not saved
 };
 
 /// Forces of one element on its nodes [N], and its energy [J].
 struct ElementForces {
   std::array<Vec3, 4> force;
   double energy;
+  bool flat;  ///< it is not thick
 };
 
 /// Rotations and forces at the end of a step, found with its energy: those of the next step's start. A cache: what it
@@ -63,6 +67,7 @@ struct ElementForces {
 struct ElasticAhead {
   VecX x;                              ///< positions that it is for; empty: none
   std::vector<Mat3> rotations;         ///< one an element
+  std::vector<FlatElement> flat;       ///< by element
   VecX forces;                         ///< all nodes [N]
   std::vector<ElementForces> element;  ///< scratch
   bool isFor(const VecX& positions) const { return x.size() == positions.size() && x == positions; }
@@ -87,7 +92,7 @@ class ElasticMesh {
 
   /// The state at x, with polar decompositions from scratch.
   ElasticState stateAt(const VecX& x) const;
-  /// Element rotations of the given positions (polar decomposition, started from the present ones).
+  /// Element rotations of the given positions (polar decomposition, started from the present ones), and what is flat.
   void updateRotations(const VecX& x, ElasticState& state) const;
   /// Elastic forces at x with the state's rotations; overwrites f [3 nodes].
   void forces(const VecX& x, const ElasticState& state, VecX& f) const;
@@ -101,7 +106,8 @@ class ElasticMesh {
   SymmetricBlockMatrix pattern(const std::vector<int>& row);
   /// P of each element at x, times sqrt(scale), with the state's rotations, which must be those of x.
   void tensionFactors(const VecX& x, const ElasticState& state, double scale, std::vector<Mat3>& out) const;
-  /// a = mass_scale M + stiffness_scale (K + sum B B^T) on the pattern's rows, with the state's rotations.
+  /// a = mass_scale M + stiffness_scale (K + sum B B^T) on the pattern's rows, with the state's rotations and flat
+  /// elements.
   /// @param tension  P, one an element, or none
   void assemble(double mass_scale, double stiffness_scale, const ElasticState& state, SymmetricBlockMatrix& a,
                 const std::vector<Mat3>& tension = {}) const;

@@ -13,19 +13,31 @@ namespace {
 struct TurnedElement {
   ElasticElement e;  // of the body's present stiffness
   Mat3 rotation;     // at the start of the step
+  const FlatElement* flat;
+  double scale;  // of the stiffness
   /// First Piola-Kirchhoff stress times the volume; with 0 in place of 1 its change with the deformation gradient's.
   Mat3 stress(const Mat3& gradient, double one) const {
     const Mat3 g = rotation.transpose() * gradient;
     Mat3 s = e.mu * (g + g.transpose());
     s.diagonal().array() += e.lambda * (g.trace() - 3.0 * one) - 2.0 * e.mu * one;
-    return rotation * s;
+    Mat3 p = rotation * s;
+    if (flat != nullptr) p += scale * flat->linearStress(gradient * rotation.transpose(), one) * rotation;
+    return p;
+  }
+  /// K_ij of c_i = R grad N_i.
+  Mat3 stiffness(const std::array<Vec3, 4>& c, int i, int j) const {
+    Mat3 k = e.stiffness(c, i, j);
+    if (flat != nullptr) k += scale * (flat->factor(c[i]) * flat->factor(c[j]).transpose());
+    return k;
   }
 };
 
 TurnedElement elementOf(const Body& tool, int index) {
-  TurnedElement out{tool.model.elasticity().elements()[index], tool.state.elastic.rotations[index]};
-  out.e.mu *= tool.state.elastic.stiffness_scale;
-  out.e.lambda *= tool.state.elastic.stiffness_scale;
+  const ElasticState& state = tool.state.elastic;
+  TurnedElement out{tool.model.elasticity().elements()[index], state.rotations[index], flatElement(state.flat, index),
+                    state.stiffness_scale};
+  out.e.mu *= out.scale;
+  out.e.lambda *= out.scale;
   return out;
 }
 
@@ -140,7 +152,7 @@ RotationTerms rotationTerms(const Body& tool) {
       // f = -R K (R^T x - X):  df = omega x f + K (omega x x);   d(K v) = omega x K v - K (omega x v) + K dv
       Mat36 de = -skew(b.start_force[i] - time * b.stiffness_velocity[i]) * omega;
       for (int j = 0; j < 4; ++j) {
-        const Mat3 k = e.stiffness(c, i, j);
+        const Mat3 k = b.element.stiffness(c, i, j);
         const Vec3 x = tool.system.startPositions().segment<3>(3 * e.node[j]);
         de -= k * (skew(x + time * b.velocity[j]) * omega + time * dvelocity[j]);
       }

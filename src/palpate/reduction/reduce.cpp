@@ -87,7 +87,7 @@ bool ToolReduction::factorize(World& world, const LiveSettings& settings, const 
   positions_ = prepared.elastic.x;
   model.elastic_energy = prepared.energy;
   forces_ = prepared.elastic.forces;
-  elastic_ = {prepared.elastic.rotations, tool.state.elastic.stiffness_scale};
+  elastic_ = {prepared.elastic.rotations, tool.state.elastic.stiffness_scale, {}};
   return true;
 }
 

@@ -31,6 +31,7 @@ void BodySystem::assemble(const StepInput& input, BodyState& state) {
     takePrepared();
   } else if (ahead_.isFor(x)) {
     state.elastic.rotations.swap(ahead_.rotations);
+    state.elastic.flat.swap(ahead_.flat);
     f_.swap(ahead_.forces);
   } else {
     fem.updateRotations(x, state.elastic);
@@ -65,8 +66,10 @@ bool BodySystem::prepareFollowing(const VecX& places, const BodyState& state, do
   turned_ = false;
   if (!analyzed_ || last_nodes_ != state.order.last_nodes) analyze(state.order.last_nodes);
   elastic.rotations.swap(prepared_.elastic.rotations);
+  elastic.flat.swap(prepared_.elastic.flat);
   assembleMatrix(step, elastic);
   elastic.rotations.swap(prepared_.elastic.rotations);
+  elastic.flat.swap(prepared_.elastic.flat);
   prepared_.ready = factorize();
   return prepared_.ready;
 }
@@ -95,6 +98,8 @@ void BodySystem::takePrepared() {
   for (std::size_t i = 0; i < elastic.rotations.size(); ++i) {
     state_->elastic.rotations[i] = turn_ * elastic.rotations[i];
   }
+  state_->elastic.flat = elastic.flat;
+  for (FlatElement& flat : state_->elastic.flat) flat.frame = (turn_ * flat.frame).eval();
   f_.resize(elastic.forces.size());
   for (int i = 0; i < model_->nodes(); ++i) f_.segment<3>(3 * i) = turn_ * elastic.forces.segment<3>(3 * i);
 }
@@ -183,6 +188,12 @@ VecX BodySystem::besideFixed(Velocity velocity) const {
       const Vec3 v = c_ * state_->elastic.stiffness_scale * velocity(e.node[j]);
       for (int i = 0; i < 4; ++i) loads.segment<3>(3 * e.node[i]) += e.stiffness(c, i, j) * v;
     }
+    const FlatElement* flat = flatElement(state_->elastic.flat, index);
+    if (flat == nullptr) continue;
+    Mat3 rate = Mat3::Zero();
+    for (int j = 0; j < 4; ++j) rate += velocity(e.node[j]) * c[j].transpose();
+    const Mat3 stress = c_ * state_->elastic.stiffness_scale * flat->linearStress(rate, 0.0);
+    for (int i = 0; i < 4; ++i) loads.segment<3>(3 * e.node[i]) += stress * c[i];
   }
   return loads;
 }
@@ -231,6 +242,16 @@ void BodySystem::addPull(int element) {
       turning.rightCols<3>() -= b * skew(arm[j]);
     }
   }
+  const FlatElement* flat = flatElement(elastic.flat, element);
+  Mat6 pressed = Mat6::Zero();  // the same for a flat element's B
+  if (flat != nullptr) {
+    for (int j = 0; j < 4; ++j) {
+      if (model_->attachedIndex()[e.node[j]] < 0) continue;
+      const Eigen::Matrix<double, 6, 3> b = elastic.stiffness_scale * flat->factor(c[j].head<3>()).transpose();
+      pressed.leftCols<3>() += b;
+      pressed.rightCols<3>() -= b * skew(arm[j]);
+    }
+  }
   const Vec4 stretched = lambda * sum, turned = lambda * moment, sheared = mu * sum;
   for (int i = 0; i < 4; ++i) {
     const Vec4& ci = c[i];
@@ -247,6 +268,7 @@ void BodySystem::addPull(int element) {
       kg(last, 3 + k) += q[next];
     }
     if (tense) kg.topRows<3>() += skew(ci.head<3>()) * p * turning;
+    if (flat != nullptr) kg.topRows<3>() += flat->factor(ci.head<3>()) * pressed;
     const int free = row(e.node[i]);
     if (free >= 0) {
       pulled_.middleCols<6>(6 * free) += kg;

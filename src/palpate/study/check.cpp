@@ -35,13 +35,43 @@ Mat12 referenceStiffness(const ElasticElement& e) {
   return b.transpose() * stress;
 }
 
+// The same of a flat one with its principal directions held: sums over them, from the energy
+//   sum_k w''_k (v_k^T g v_k - s_0)^2 / 2 + sum_kl t_kl (v_k^T (g + g^T) v_l)^2 / 4,   g = R^T F
+// of which `push` is the derivative at g = 0.
+void addFlat(const FlatElement& flat, const ElasticElement& e, const Mat3& rotation, double scale, Mat12& stiffness,
+             Vec12& push) {
+  const Mat3 v = rotation.transpose() * flat.frame;
+  const auto add = [&](const Mat3& direction, double curvature, double offset) {
+    Vec12 way;
+    for (int k = 0; k < 4; ++k) way.segment<3>(3 * k) = direction * e.gradient[k];
+    stiffness += scale * curvature * way * way.transpose();
+    push -= scale * curvature * offset * way;
+  };
+  for (int k = 0; k < 3; ++k) {
+    const Vec3 own = v.col(k), one = v.col((k + 1) % 3), other = v.col((k + 2) % 3);
+    add(own * own.transpose(), flat.stretch[k], FlatElement::kStretch);
+    add(one * other.transpose() + other * one.transpose(), flat.shear[k], 0.0);
+  }
+}
+
 /// One body's step without contact, written the slow way. Unknowns: velocities of the free nodes, then the twist of its
 /// frame if it has one.
 class SlowBody {
  public:
   explicit SlowBody(const Body& body) : body_(body), rotation_(body.state.elastic.rotations) {
+    const ElasticState& elastic = body.state.elastic;
     for (const ElasticElement& e : body.model.elasticity().elements()) {
-      stiffness_.push_back(body.state.elastic.stiffness_scale * referenceStiffness(e));
+      stiffness_.push_back(elastic.stiffness_scale * referenceStiffness(e));
+    }
+    for (const FlatElement& flat : elastic.flat) {
+      const auto& node = body.model.elasticity().elements()[flat.element].node;
+      Mat12 more = Mat12::Zero();
+      Vec12 push = Vec12::Zero(), rest;
+      addFlat(flat, body.model.elasticity().elements()[flat.element], rotation_[flat.element], elastic.stiffness_scale,
+              more, push);
+      for (int k = 0; k < 4; ++k) rest.segment<3>(3 * k) = body.model.mesh().mesh.nodes[node[k]];
+      stiffness_[flat.element] += more;
+      push_.emplace_back(flat.element, push + more * rest);  // as stiffness_ acts on displacements
     }
   }
 
@@ -76,6 +106,10 @@ class SlowBody {
       }
       const Vec12 local = stiffness_[e] * d;
       for (int k = 0; k < 4; ++k) f.segment<3>(3 * node[k]) -= rotation_[e] * local.segment<3>(3 * k);
+    }
+    for (const auto& [e, push] : push_) {
+      const auto& node = body_.model.elasticity().elements()[e].node;
+      for (int k = 0; k < 4; ++k) f.segment<3>(3 * node[k]) -= rotation_[e] * push.segment<3>(3 * k);
     }
     return f;
   }
@@ -299,6 +333,8 @@ class SlowBody {
 
   const Body body_;
   std::vector<Mat12> stiffness_;
+  std::vector<std::pair<int, Vec12>>
+      push_;  // of flat elements, forces in the rest frame where the shape is that of rest
   std::vector<Mat3> rotation_;
   Eigen::SimplicialLDLT<Sparse> solver_;
   Mat3 inertia_ = Mat3::Zero();
