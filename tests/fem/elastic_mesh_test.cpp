@@ -64,7 +64,7 @@ TEST(ElasticMesh, ForcesAreMinusTheEnergysGradientToSecondOrder) {
   EXPECT_NEAR(finest, exact, 1e-7 * std::abs(exact));
 }
 
-// At fixed rotations forces are affine, so one difference of any length gives K exactly.
+// At fixed rotations forces are affine where nothing is flat, so one difference of any length gives K exactly.
 TEST(ElasticMesh, StiffnessIsTheDifferenceOfForcesAtFixedRotations) {
   const SimulationMesh mesh = smallBar();
   ElasticMesh fem(mesh, {});
@@ -74,7 +74,7 @@ TEST(ElasticMesh, StiffnessIsTheDifferenceOfForcesAtFixedRotations) {
   SymmetricBlockMatrix a = fem.pattern(rows);
   const ElasticState state = fem.stateAt(x);
   fem.assemble(0.0, 1.0, state, a);
-  const VecX d = randomVector(x.size(), 0.01, 4);
+  const VecX d = randomVector(x.size(), 0.002, 4);
   VecX f0, f1;
   fem.forces(x, state, f0);
   fem.forces(x + d, state, f1);

@@ -4,6 +4,7 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <string>
 
 #include "palpate/common/error.h"
@@ -57,11 +58,7 @@ ElasticElement makeElement(const SimulationMesh& mesh, int index, const ElementM
   return e;
 }
 
-FlatElement flatten(const ElasticElement& e, int index, const Mat3& rotation, const Mat3& turned) {
-  return {index, rotation, turned, e.lambda + 2 * e.mu};
-}
-
-// With the stiffness scaled: K of the element's own moduli times scale.
+// By the linear law, with the stiffness scaled: K of the element's own moduli times scale.
 ElementForces forcesOf(const ElasticElement& e, double scale, const Mat3& rotation, const Mat3& gradient) {
   const double mu = scale * e.mu, lambda = scale * e.lambda;
   const Mat3 g = rotation.transpose() * gradient;
@@ -72,12 +69,7 @@ ElementForces forcesOf(const ElasticElement& e, double scale, const Mat3& rotati
   stress.diagonal().array() += lambda * trace;
   ElementForces own;
   own.energy = mu * strain.squaredNorm() + 0.5 * lambda * trace * trace;
-  own.flat = !isThick(g);
-  if (own.flat) {
-    const FlatElement flat = flatten(e, 0, Mat3::Identity(), g);
-    own.energy += scale * flat.energy;
-    stress += scale * (flat.frame * flat.stress.asDiagonal() * flat.frame.transpose());
-  }
+  own.thin = !isThick(g);
   const Mat3 p = rotation * stress;
   for (int k = 0; k < 4; ++k) own.force[k] = -p * e.gradient[k];
   return own;
@@ -124,7 +116,7 @@ ElasticMesh::ElasticMesh(const SimulationMesh& mesh, const Material& material) :
 
 ElasticMesh::ElasticMesh(const SimulationMesh& mesh, const Material& material,
                          const std::vector<ElementMaterial>& per_element)
-    : material_(material) {
+    : material_(material), winding_(mesh.mesh) {
   const std::size_t count = mesh.mesh.tetrahedra.size();
   if (!per_element.empty() && per_element.size() != count)
     throw InputError("material", "",
@@ -155,30 +147,79 @@ ElasticState ElasticMesh::stateAt(const VecX& x) const {
 }
 
 void ElasticMesh::updateRotations(const VecX& x, ElasticState& state) const {
-  state.flat.clear();
+  std::vector<int> thin;
   for (std::size_t i = 0; i < elements_.size(); ++i) {
     const Mat3 gradient = elements_[i].deformationGradient(x);
     state.rotations[i] = polarRotation(gradient, state.rotations[i]);
-    const Mat3 g = state.rotations[i].transpose() * gradient;
-    if (!isThick(g)) state.flat.push_back(flatten(elements_[i], static_cast<int>(i), state.rotations[i], g));
+    if (!isThick(state.rotations[i].transpose() * gradient)) thin.push_back(static_cast<int>(i));
   }
+  updateReleased(x, thin, state.released);
+  state.flat = flatOnes(x, thin, state.released, state.rotations);
+}
+
+// Those stay that are thin; those come that wind about an edge more than once.
+void ElasticMesh::updateReleased(const VecX& x, const std::vector<int>& thin, std::vector<int>& released) const {
+  if (thin.empty()) {
+    released.clear();
+    return;
+  }
+  std::vector<int> wound = released;
+  for (const int t : thin) winding_.around(t, x, wound);
+  std::sort(wound.begin(), wound.end());
+  wound.erase(std::unique(wound.begin(), wound.end()), wound.end());
+  released.clear();
+  std::set_intersection(wound.begin(), wound.end(), thin.begin(), thin.end(), std::back_inserter(released));
+}
+
+std::vector<FlatElement> ElasticMesh::flatOnes(const VecX& x, const std::vector<int>& thin,
+                                               const std::vector<int>& released,
+                                               const std::vector<Mat3>& rotations) const {
+  std::vector<FlatElement> flat;
+  for (const int i : thin) {
+    if (std::binary_search(released.begin(), released.end(), i)) continue;
+    const ElasticElement& e = elements_[i];
+    flat.emplace_back(i, rotations[i], rotations[i].transpose() * e.deformationGradient(x), e.lambda + 2 * e.mu);
+  }
+  return flat;
+}
+
+// @returns the energy [J]
+double ElasticMesh::addFlat(const VecX& x, const std::vector<int>& thin, const ElasticState& state,
+                            const std::vector<Mat3>& rotations, VecX& f) const {
+  double energy = 0;
+  for (const FlatElement& flat : flatOnes(x, thin, state.released, rotations)) {
+    const ElasticElement& e = elements_[flat.element];
+    const Mat3 turned = flat.frame.transpose() * rotations[flat.element];
+    const Mat3 p = state.stiffness_scale * (flat.frame * flat.stress.asDiagonal() * turned);
+    for (int k = 0; k < 4; ++k) f.segment<3>(3 * e.node[k]) -= p * e.gradient[k];
+    energy += state.stiffness_scale * flat.energy;
+  }
+  return energy;
 }
 
 void ElasticMesh::forces(const VecX& x, const ElasticState& state, VecX& f) const {
   f.setZero(3 * nodes());
+  std::vector<int> thin;
   for (std::size_t i = 0; i < elements_.size(); ++i) {
     const ElasticElement& e = elements_[i];
-    add(e, forcesOf(e, state.stiffness_scale, state.rotations[i], e.deformationGradient(x)), f);
+    const ElementForces own = forcesOf(e, state.stiffness_scale, state.rotations[i], e.deformationGradient(x));
+    add(e, own, f);
+    if (own.thin) thin.push_back(static_cast<int>(i));
   }
+  addFlat(x, thin, state, state.rotations, f);
 }
 
 double ElasticMesh::energy(const VecX& x, const ElasticState& state) const {
   double sum = 0;
+  std::vector<int> thin;
   for (std::size_t i = 0; i < elements_.size(); ++i) {
     const ElasticElement& e = elements_[i];
-    sum += forcesOf(e, state.stiffness_scale, state.rotations[i], e.deformationGradient(x)).energy;
+    const ElementForces own = forcesOf(e, state.stiffness_scale, state.rotations[i], e.deformationGradient(x));
+    sum += own.energy;
+    if (own.thin) thin.push_back(static_cast<int>(i));
   }
-  return sum;
+  VecX unused = VecX::Zero(3 * nodes());
+  return sum + addFlat(x, thin, state, state.rotations, unused);
 }
 
 double ElasticMesh::energyAt(const VecX& x, const ElasticState& state, ElasticAhead& ahead) const {
@@ -195,16 +236,24 @@ double ElasticMesh::energyAt(const VecX& x, const ElasticState& state, ElasticAh
     }
   });
   ahead.forces.setZero(3 * nodes());
-  ahead.flat.clear();
+  ahead.thin.clear();
   for (int i = 0; i < count; ++i) {
-    if (ahead.element[i].flat) {
-      const Mat3 g = ahead.rotations[i].transpose() * elements_[i].deformationGradient(x);
-      ahead.flat.push_back(flatten(elements_[i], i, ahead.rotations[i], g));
-    }
     add(elements_[i], ahead.element[i], ahead.forces);
     sum += ahead.element[i].energy;
+    if (ahead.element[i].thin) ahead.thin.push_back(i);
   }
   ahead.x = x;
+  ahead.released = state.released;
+  ahead.flat.clear();
+  if (ahead.thin.empty() && ahead.released.empty()) return sum;
+  updateReleased(x, ahead.thin, ahead.released);
+  ahead.flat = flatOnes(x, ahead.thin, ahead.released, ahead.rotations);
+  VecX linear = ahead.forces;
+  sum += addFlat(x, ahead.thin, state, ahead.rotations, linear);
+  ElasticState next;
+  next.stiffness_scale = state.stiffness_scale;
+  next.released = ahead.released;
+  addFlat(x, ahead.thin, next, ahead.rotations, ahead.forces);
   return sum;
 }
 

@@ -3,6 +3,7 @@
 #include <array>
 #include <vector>
 
+#include "palpate/fem/edge_winding.h"
 #include "palpate/fem/flat_element.h"
 #include "palpate/fem/material.h"
 #include "palpate/linear/symmetric_block_matrix.h"
@@ -53,13 +54,16 @@ struct ElasticState {
       rotations;  ///< one an element, of the last step's start: its next polar decomposition's first guess
   double stiffness_scale = 1.0;   ///< factor > 0 on all moduli; damping follows
   std::vector<FlatElement> flat;  ///< by element, of the positions that the rotations are for; not saved
+  /// Elements in order that have wound twice about an edge and not been thick since: linear, so that they can turn
+  /// over.
+  std::vector<int> released;
 };
 
 /// Forces of one element on its nodes [N], and its energy [J].
 struct ElementForces {
   std::array<Vec3, 4> force;
   double energy;
-  bool flat;  ///< it is not thick
+  bool thin;  ///< not isThick(); what a FlatElement adds is not in it
 };
 
 /// Rotations and forces at the end of a step, found with its energy: those of the next step's start. A cache: what it
@@ -68,8 +72,10 @@ struct ElasticAhead {
   VecX x;                              ///< positions that it is for; empty: none
   std::vector<Mat3> rotations;         ///< one an element
   std::vector<FlatElement> flat;       ///< by element
+  std::vector<int> released;           ///< as in ElasticState
   VecX forces;                         ///< all nodes [N]
   std::vector<ElementForces> element;  ///< scratch
+  std::vector<int> thin;               ///< scratch
   bool isFor(const VecX& positions) const { return x.size() == positions.size() && x == positions; }
   void clear() { x.resize(0); }
 };
@@ -92,13 +98,15 @@ class ElasticMesh {
 
   /// The state at x, with polar decompositions from scratch.
   ElasticState stateAt(const VecX& x) const;
-  /// Element rotations of the given positions (polar decomposition, started from the present ones), and what is flat.
+  /// Element rotations of the given positions (polar decomposition, started from the present ones), what is flat and
+  /// what is released.
   void updateRotations(const VecX& x, ElasticState& state) const;
   /// Elastic forces at x with the state's rotations; overwrites f [3 nodes].
   void forces(const VecX& x, const ElasticState& state, VecX& f) const;
   /// Elastic energy at x with the state's rotations [J]; its gradient is -forces once the rotations are those of x.
   double energy(const VecX& x, const ElasticState& state) const;
-  /// Elastic energy at x with the rotations of x [J], which stay in `ahead` with their forces.
+  /// Elastic energy at x with the rotations of x [J], which stay in `ahead` with their forces and what is released
+  /// then.
   double energyAt(const VecX& x, const ElasticState& state, ElasticAhead& ahead) const;
 
   /// Prepares assemble(): the pattern of the nodes with row[node] >= 0, which must number 0..n-1. While a model is
@@ -126,7 +134,14 @@ class ElasticMesh {
     std::vector<int> elements;
     std::vector<std::pair<int, int>> diagonal;  // node, slot
   };
+  void updateReleased(const VecX& x, const std::vector<int>& thin, std::vector<int>& released) const;
+  std::vector<FlatElement> flatOnes(const VecX& x, const std::vector<int>& thin, const std::vector<int>& released,
+                                    const std::vector<Mat3>& rotations) const;
+  double addFlat(const VecX& x, const std::vector<int>& thin, const ElasticState& state,
+                 const std::vector<Mat3>& rotations, VecX& f) const;
+
   Material material_;
+  EdgeWinding winding_;
   VecX mass_;
   std::vector<ElasticElement> elements_;
   std::vector<std::array<PairSlot, 10>> slots_;  // an element

@@ -87,7 +87,7 @@ bool ToolReduction::factorize(World& world, const LiveSettings& settings, const 
   positions_ = prepared.elastic.x;
   model.elastic_energy = prepared.energy;
   forces_ = prepared.elastic.forces;
-  elastic_ = {prepared.elastic.rotations, tool.state.elastic.stiffness_scale, {}};
+  elastic_ = {prepared.elastic.rotations, tool.state.elastic.stiffness_scale, {}, prepared.elastic.released};
   return true;
 }
 
@@ -280,6 +280,7 @@ MatX ToolReduction::secondDifferences(const BodyModel& tool, const LiveBasis& ba
       VecX x = positions_;
       for (int i = 0; i < tool.freeNodes(); ++i) x.segment<3>(3 * tool.free()[i]) += sign * d.segment<3>(3 * i);
       elastic.rotations = elastic_.rotations;
+      elastic.released = elastic_.released;
       fem.updateRotations(x, elastic);
       fem.forces(x, elastic, forces);
       for (int i = 0; i < tool.freeNodes(); ++i) {

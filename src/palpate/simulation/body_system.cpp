@@ -32,6 +32,7 @@ void BodySystem::assemble(const StepInput& input, BodyState& state) {
   } else if (ahead_.isFor(x)) {
     state.elastic.rotations.swap(ahead_.rotations);
     state.elastic.flat.swap(ahead_.flat);
+    state.elastic.released.swap(ahead_.released);
     f_.swap(ahead_.forces);
   } else {
     fem.updateRotations(x, state.elastic);
@@ -98,6 +99,7 @@ void BodySystem::takePrepared() {
   for (std::size_t i = 0; i < elastic.rotations.size(); ++i) {
     state_->elastic.rotations[i] = turn_ * elastic.rotations[i];
   }
+  state_->elastic.released = elastic.released;
   state_->elastic.flat = elastic.flat;
   for (FlatElement& flat : state_->elastic.flat) flat.frame = (turn_ * flat.frame).eval();
   f_.resize(elastic.forces.size());

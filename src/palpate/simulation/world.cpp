@@ -90,7 +90,11 @@ void World::requireFit(int i, const BodyState& state) const {
   const auto size = static_cast<Eigen::Index>(3 * model.nodes());
   const auto known = [&](int n) { return n >= 0 && n < model.nodes() && model.row()[n] >= 0; };
   const std::vector<int>& last = state.order.last_nodes;
-  if (state.positions.size() != size || state.velocities.size() != size ||
+  const std::vector<int>& released = state.elastic.released;
+  const int elements = static_cast<int>(model.elasticity().elements().size());
+  const bool ordered = std::is_sorted(released.begin(), released.end()) &&
+                       (released.empty() || (released.front() >= 0 && released.back() < elements));
+  if (!ordered || state.positions.size() != size || state.velocities.size() != size ||
       state.elastic.rotations.size() != model.elasticity().elements().size() || !(state.elastic.stiffness_scale > 0) ||
       !std::all_of(last.begin(), last.end(), known)) {
     throw InputError("state", model.name(), "is not a state of this body");

@@ -12,7 +12,7 @@ namespace palpate {
 namespace {
 
 constexpr std::uint32_t kMagic = 0x54535050;  // "PPST"
-constexpr std::uint32_t kVersion = 4;
+constexpr std::uint32_t kVersion = 5;
 
 class Writer {
  public:
@@ -183,6 +183,7 @@ void fields(A& a, BodyState& body) {
   fields(a, body.handle);
   fields(a, body.elastic.rotations);
   fields(a, body.elastic.stiffness_scale);
+  fields(a, body.elastic.released);
   fields(a, body.order.chosen);
   fields(a, body.order.last_nodes);
   fields(a, body.order.surplus_steps);
