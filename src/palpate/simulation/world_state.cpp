@@ -16,7 +16,6 @@ constexpr std::uint32_t kVersion = 5;
 
 class Writer {
  public:
-  static constexpr bool kReading = false;
   std::string bytes;
 
   template <class T>
@@ -35,7 +34,6 @@ class Writer {
 
 class Reader {
  public:
-  static constexpr bool kReading = true;
   explicit Reader(const std::string& bytes) : at_(bytes.data()), left_(bytes.size()) {}
 
   template <class T>
