@@ -363,5 +363,28 @@ TEST(Glue, RefusesWhatCannotBe) {
   refused(other, 1, 0, 1, "itself");
 }
 
+// Contact would push apart what glue holds together: a block that is sunk in what it carries.
+TEST(Glue, BodiesInsideEachOtherDoNotTouch) {
+  for (const double sunk : {0.0, 0.005, 0.01, 0.02}) {
+    World world;
+    world.gravity = {0, 0, -kDown};
+    world.obstacles.push_back({PlaneShape{}, 0.4, "ground"});
+    world.add(
+        BodyModel::rigid("block", placed(boxSurface({0.08, 0.08, 0.03}, {3, 3, 2}), at({0, 0, 0.015})), 2000, 0.4));
+    BodyModel organ("organ", moved(barMesh({0.06, 0.06, 0.03}, {4, 4, 3}), at({-0.03, -0.03, 0.03 - sunk})),
+                    material(4e4));
+    organ.attach(glued(organ, [&](const Vec3& x) { return x.z() < 0.03 - sunk + 1e-9; }));
+    world.add(std::move(organ));
+    EXPECT_EQ(world.glue(1, 0, 0), sunk > 0.0099);
+    for (int n = 0; n < 60; ++n) {
+      const StepReport report = world.step({}, 0.033);
+      ASSERT_EQ(report.status, StepStatus::ok) << n;
+      EXPECT_EQ(report.energy_made, 0);
+    }
+    EXPECT_LT(world.body(1).state.velocities.cwiseAbs().maxCoeff(), 1e-3);
+    EXPECT_LT(largestGap(world), 1e-6);
+  }
+}
+
 }  // namespace
 }  // namespace palpate

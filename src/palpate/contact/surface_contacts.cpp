@@ -146,10 +146,14 @@ std::size_t SurfaceContacts::itemOf(int body) const {
   return static_cast<std::size_t>(at - items_.begin());
 }
 
-void SurfaceContacts::leaveOut(int first, const std::vector<char>& marks, int second, double near) {
+bool SurfaceContacts::leaveOut(int first, const std::vector<char>& marks, int second, double near) {
+  constexpr double kRounding = 1e-6;  // [m], of surfaces that lie on each other
   const std::size_t a = itemOf(first), b = itemOf(second);
-  if (a == b || a == items_.size() || b == items_.size()) return;
-  for (const std::size_t i : {a, b}) items_[i].surface.placeAll();
+  if (a == b || a == items_.size() || b == items_.size()) return false;
+  for (const std::size_t i : {a, b}) {
+    refit(items_[i]);
+    items_[i].surface.placeAll();
+  }
   const std::vector<char> others = marksNear(items_[a].surface, marks, items_[b].surface, near);
   PairExclusion& out = pair(std::min(a, b), std::max(a, b)).left_out;
   const auto add = [](const std::vector<char>& more, std::vector<char>& to) {
@@ -158,6 +162,13 @@ void SurfaceContacts::leaveOut(int first, const std::vector<char>& marks, int se
   };
   add(a < b ? marks : others, out.first);
   add(a < b ? others : marks, out.second);
+  std::vector<OverlapPoint> inside;
+  findOverlaps(items_[std::min(a, b)].surface, items_[std::max(a, b)].surface, inside);
+  std::erase_if(inside, [&](const OverlapPoint& p) { return p.depth < kRounding || (p.depth < near && out.excludes(p)); });
+  if (inside.empty()) return false;
+  std::fill(out.first.begin(), out.first.end(), 1);
+  std::fill(out.second.begin(), out.second.end(), 1);
+  return true;
 }
 
 const PairExclusion* SurfaceContacts::leftOut(int first, int second) const {

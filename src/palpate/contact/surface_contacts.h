@@ -37,7 +37,8 @@ class SurfaceContacts {
   /// as near as that to these on the second where both now start.
   /// @param marks  of each vertex of the first body's surface
   /// @param near   [m]
-  void leaveOut(int first, const std::vector<char>& marks, int second, double near);
+  /// @returns whether the two lie inside each other beyond that: then they do not touch at all
+  bool leaveOut(int first, const std::vector<char>& marks, int second, double near);
   /// What is left out between two bodies, of which the first was added before the second; null: nothing.
   const PairExclusion* leftOut(int first, int second) const;
   /// Whether there is anything to find.

@@ -300,7 +300,7 @@ void setFrictionPairs(const SceneConfig& config, World& world) {
 }
 
 // What bodies are glued to, by their names.
-void glueBodies(const SceneConfig& config, World& world) {
+void glueBodies(const SceneConfig& config, World& world, std::vector<std::string>& notes) {
   std::vector<const BodyConfig*> bodies{&config.tool};
   for (const FreeBodyConfig& b : config.bodies) bodies.push_back(&b);
   std::vector<std::string> names;
@@ -315,7 +315,10 @@ void glueBodies(const SceneConfig& config, World& world) {
             bodies[i]->name + ": attachment " + a.name, "to",
             fmt::format("there is no body {}; the nearest is \"{}\"", shownText(a.to), nearestWord(a.to, names)));
       }
-      world.glue(static_cast<int>(i), static_cast<int>(k), static_cast<int>(at - names.begin()));
+      if (world.glue(static_cast<int>(i), static_cast<int>(k), static_cast<int>(at - names.begin()))) {
+        notes.push_back(fmt::format("{} and {}, which {} glues, lie inside each other: they do not touch each other",
+                                    bodies[i]->name, a.to, a.name));
+      }
     }
   }
 }
@@ -473,7 +476,7 @@ BuiltScene buildChecked(const SceneConfig& config) {
     if (b.settled) settling.push_back(index);
   }
   setFrictionPairs(config, world);
-  glueBodies(config, world);
+  glueBodies(config, world, out.notes);
   settle(world, settling, out.start, teller);
   out.linearization.delassus = delassusOf(config.method);
   out.linearization.derivative = config.derivative == DerivativeName::full ? Derivative::full : Derivative::frozen;

@@ -30,13 +30,13 @@ std::vector<const BodyModel*> World::models() const {
   return out;
 }
 
-void World::glue(int body, int attachment, int partner) {
+bool World::glue(int body, int attachment, int partner) {
   constexpr double kAround = 0.5;  // mean edges
   joints_.push_back(joinBodies(models(), body, attachment, partner));
   refuseCircles(models(), joints_);
   const BodyModel& own = *models_[body];
-  surfaces_.leaveOut(body, surfaceAround(own, own.attachments()[attachment]), partner,
-                     kAround * own.contactFinder().edgeLength());
+  return surfaces_.leaveOut(body, surfaceAround(own, own.attachments()[attachment]), partner,
+                            kAround * own.contactFinder().edgeLength());
 }
 
 std::vector<int> World::gluedTogether(int body) const {

@@ -43,8 +43,9 @@ class World {
   int add(BodyModel model, bool self_contact = false);
   /// Glues the nodes of a body's attachment to another body, where both were built. Before the first step.
   /// @param attachment  among the model's; is `glued`
+  /// @returns whether the two lie inside each other beside the glue: then they do not touch each other
   /// @throws InputError if the two are too far apart, the same, or glued in a circle
-  void glue(int body, int attachment, int partner);
+  bool glue(int body, int attachment, int partner);
   const std::vector<Joint>& joints() const { return joints_; }
   /// Equalities of what a body is glued to, as it now is.
   std::vector<Contact> glued(int body) const;
