@@ -164,7 +164,8 @@ bool SurfaceContacts::leaveOut(int first, const std::vector<char>& marks, int se
   add(a < b ? others : marks, out.second);
   std::vector<OverlapPoint> inside;
   findOverlaps(items_[std::min(a, b)].surface, items_[std::max(a, b)].surface, inside);
-  std::erase_if(inside, [&](const OverlapPoint& p) { return p.depth < kRounding || (p.depth < near && out.excludes(p)); });
+  std::erase_if(inside,
+                [&](const OverlapPoint& p) { return p.depth < kRounding || (p.depth < near && out.excludes(p)); });
   if (inside.empty()) return false;
   std::fill(out.first.begin(), out.first.end(), 1);
   std::fill(out.second.begin(), out.second.end(), 1);
