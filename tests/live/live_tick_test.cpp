@@ -189,6 +189,37 @@ TEST(LiveTick, DepthIsUndoneSlowly) {
   EXPECT_NEAR(pose.position.z(), 0.05, 1e-5);
 }
 
+// A point that is pressed on a round wall, of a hole (sign -1) or a ball (1), and turns with the handle about its axis:
+// the force goes with it and through the axis.
+TEST(LiveTick, APointTurnsOnARoundWallWithoutTorque) {
+  constexpr double kRadius = 0.014, kDepth = 5e-4, kTurn = 10 * 3.14159265358979 / 180;
+  for (const double sign : {-1.0, 1.0}) {
+    LiveModel m = rigidTool(0.2);
+    m.contacts = 1;
+    m.arm = Vec3(kRadius - sign * kDepth, 0, 0);
+    m.shape.resize(3, 0);
+    m.compliance = 1e-3 * Mat3::Identity();
+    m.tool_compliance = m.compliance;
+    m.damped_force = Vec3(sign * kDepth / 1e-3, 0, 0);
+    m.contact_force = m.damped_force;
+    m.curvature.resize(3, 0);
+    m.arm += m.compliance * m.damped_force;  // where this force has put it
+    m.surface[0].a = Vec3(kRadius, 0, 0);
+    m.surface[0].normal = sign * Vec3::UnitX();
+    m.surface[0].bend = sign / kRadius * (Mat3::Identity() - Vec3::UnitX() * Vec3::UnitX().transpose());
+    LiveTick tick;
+    LiveState state = startState(m);
+    const auto at = [&](int k) {
+      return PathPoint{k, {Vec3::Zero(), expRotation(Vec3(0, 0, 0.01 * k * kTurn))}, Vec6::Zero()};
+    };
+    for (int k = 0; k < 100; ++k) tick.replay(m, 0.001, Vec3::Zero(), at(k), at(k + 1), state);
+    const Vec3 force = state.contact_force;
+    EXPECT_NEAR(force.norm(), 0.5, 0.02) << sign;
+    // a plane that stays gives 0.5 N r sin(10 degrees) and more
+    EXPECT_LT(std::abs(Vec3(m.arm).cross(force).z()), 0.05 * 0.5 * kRadius * std::sin(kTurn)) << sign;
+  }
+}
+
 TEST(HandlePath, HoldsTheLastSecond) {
   HandlePath path;
   for (int k = 5; k < 3000; ++k) path.add({k, {Vec3(k, 0, 0), Quat::Identity()}, Vec6::Zero()});

@@ -5,6 +5,7 @@
 #include "palpate/live/live_tick.h"
 #include "palpate/math/decompositions.h"
 #include "palpate/math/rotation.h"
+#include "palpate/mesh/shapes.h"
 #include "palpate/reduction/partner_compliance.h"
 #include "palpate/reduction/tool_modes.h"
 #include "shared/held_scenes.h"
@@ -14,11 +15,17 @@ namespace {
 
 using namespace test;
 
-// A bar held by its top, pressed a little onto the ground and shifted.
+Surface sphereAt(const Vec3& center, double radius) {
+  Surface out = sphereSurface(radius, 5);
+  for (Vec3& p : out.vertices) p += center;
+  return out;
+}
+
+// A bar held by its top, pressed a little onto the ground, or something else there, and shifted.
 struct Pressed {
   World world;
   Material material;
-  explicit Pressed(const Quat& turn = Quat::Identity()) {
+  explicit Pressed(const Quat& turn = Quat::Identity(), const std::optional<Obstacle>& other = {}) {
     material.youngs_modulus = 2e4;
     material.damping_beta = 0.002;
     BodyModel body = bar({4, 3, 3}, material);
@@ -34,7 +41,7 @@ struct Pressed {
     world.gravity = turn * Vec3(0, 0, -9.81);
     Obstacle plane = ground();
     std::get<PlaneShape>(plane.shape).normal = turn * Vec3::UnitZ();
-    world.obstacles = {plane};
+    world.obstacles = {other.value_or(plane)};
     world.contact.cone.exact = true;  // a polyhedral one has directions of its own
     world.add(std::move(body));
     DeviceTarget target{world.tool().state.handle.pose};
@@ -141,6 +148,27 @@ TEST(Reduction, MergedContactsCarryTheWholeForce) {
   for (int i = 0; i < 4; ++i) sum += model.contact_force.segment<3>(3 * i);
   EXPECT_GT(expected.norm(), 0.3);
   EXPECT_LT((scene.world.tool().state.handle.pose.rotation * sum - expected).norm(), 1e-9);
+}
+
+// On a ball of triangles: planes that bend as it does, and normals through its middle though facets have others.
+TEST(Reduction, PlanesBendAsTheObstacleDoes) {
+  constexpr double kRadius = 0.05;
+  Pressed scene(Quat::Identity(), Obstacle{MeshShape{sphereAt(Vec3(0.03, 0.02, -kRadius), kRadius)}, 0.5, "ball"});
+  LiveBasis basis;
+  const LiveModel model = scene.reduced({}, basis);
+  ASSERT_TRUE(isFinite(model));
+  ASSERT_GT(model.contacts, 0);
+  for (int g = 0; g < model.contacts; ++g) {
+    const LiveSurface& s = model.surface[static_cast<std::size_t>(g)];
+    const Vec3 out = (s.a - Vec3(0.03, 0.02, -kRadius)).normalized();
+    EXPECT_GT(s.normal.dot(out), std::cos(0.1)) << g;  // some are those of the bar's faces
+    EXPECT_LT((s.bend * s.normal).norm(), 1e-9) << g;
+    const Mat3 flat = Mat3::Identity() - s.normal * s.normal.transpose();
+    EXPECT_LT((s.bend - flat / kRadius).norm(), 0.2 / kRadius) << g;
+  }
+  Pressed flat;
+  const LiveModel plane = flat.reduced({}, basis);
+  for (int g = 0; g < plane.contacts; ++g) EXPECT_TRUE(plane.surface[static_cast<std::size_t>(g)].bend.isZero(0.0));
 }
 
 TEST(Reduction, TurnsWithTheScene) {

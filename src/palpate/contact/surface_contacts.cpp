@@ -541,6 +541,38 @@ void SurfaceContacts::follow(const Contact& earlier, const ContactSettings& sett
   add(ia, ib, pair, settings, friction(id(a), id(b)), false, out);
 }
 
+FixedFeature SurfaceContacts::fixedFeature(const Contact& contact) const {
+  const ContactFeatures& f = contact.features;
+  FixedFeature out;
+  if (f.first < 0) return out;
+  const bool second = items_[f.second_surface].body < 0;
+  const Item& item = items_[second ? f.second_surface : f.first_surface];
+  if (item.body >= 0) return out;
+  const CollisionSurface& surface = item.surface;
+  out.surface = &surface;
+  const int feature = second ? f.second : f.first;
+  const auto mean = [&](const auto& vertices) {
+    Vec3 sum = Vec3::Zero();
+    for (const int v : vertices) sum += surface.start[v];
+    return Vec3(sum / static_cast<double>(vertices.size()));
+  };
+  const auto kind = static_cast<FeaturePair::Kind>(f.kind);
+  if (kind == FeaturePair::Kind::edge_edge) {
+    for (const int t : surface.edgeTriangles()[feature]) {
+      if (t >= 0) out.triangles.push_back(t);
+    }
+    out.middle = mean(surface.edges()[feature]);
+  } else if ((kind == FeaturePair::Kind::vertex_face) == second) {
+    out.triangles = {feature};
+    out.middle = mean(surface.triangles()[feature]);
+  } else {
+    const auto around = surface.trianglesAtVertex(feature);
+    out.triangles.assign(around.begin(), around.end());
+    out.middle = surface.start[feature];
+  }
+  return out;
+}
+
 // A path that runs into the other surface tells little about what comes after: edges that hit late do so from odd
 // sides, and what is near at its end is near from within. Those wait for the next pass, whose path stops at the first.
 void SurfaceContacts::keepDependable() {

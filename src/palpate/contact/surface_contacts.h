@@ -24,6 +24,13 @@ struct SurfaceContactsState {
   bool operator==(const SurfaceContactsState&) const = default;
 };
 
+/// The vertex, edge or face of a fixed surface that a contact is with.
+struct FixedFeature {
+  const CollisionSurface* surface = nullptr;  ///< null: none, as of what is a body's
+  std::vector<int> triangles;                 ///< that it belongs to
+  Vec3 middle = Vec3::Zero();                 ///< [m]
+};
+
 /// Contact between triangle surfaces: of bodies, soft and rigid, with each other, with themselves, with fixed ones.
 /// Vertex against face and edge against edge, by distance and along the whole motion of a step (docs/contact.md).
 class SurfaceContacts {
@@ -79,6 +86,7 @@ class SurfaceContacts {
               std::vector<Contact>& out);
   /// Which obstacle a surface is; -1: a body's.
   int obstacleOf(int surface) const { return items_[static_cast<std::size_t>(surface)].obstacle; }
+  FixedFeature fixedFeature(const Contact& contact) const;
   /// Deepest overlap at the start [m], 0: none.
   double overlap() const { return overlap_; }
 

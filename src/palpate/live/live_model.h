@@ -35,7 +35,7 @@ using RowVector = BoundedVector<LiveSize::kRows>;
 /// What a contact of a live model is against; world frame.
 struct LiveSurface {
   enum class Kind {
-    plane,     ///< through `a` with `normal`
+    plane,     ///< through `a` with `normal`; with `bend`, what is tangent to it there
     capsule,   ///< around the segment from a to b, a sphere where they are one
     internal,  ///< the tool itself: the normal is in the handle's frame, and the place is that of one side against the
                ///< other
@@ -45,6 +45,10 @@ struct LiveSurface {
   Vec3 normal = Vec3::UnitZ();
   Vec3 a = Vec3::Zero(), b = Vec3::Zero();  ///< [m]
   double offset = 0;                        ///< taken off the distance: radius, and gap that is kept [m]
+  /// Of a plane: at x the normal lies along normal + bend (x - a), until it has turned by kMostTurn [1/m]. Symmetric,
+  /// bend normal = 0; positive where the obstacle is convex.
+  Mat3 bend = Mat3::Zero();
+  static constexpr double kMostTurn = 0.7;  ///< tangent of the angle
 };
 
 /// The tool, reduced, in the frame of its handle, about the handle's origin (docs/live.md): rigid inertia, the lowest

@@ -16,8 +16,17 @@ struct Touch {
 };
 
 Touch touch(const LiveSurface& surface, const Vec3& x) {
-  if (surface.kind == LiveSurface::Kind::plane)
-    return {surface.normal.dot(x - surface.a) - surface.offset, surface.normal};
+  if (surface.kind == LiveSurface::Kind::plane) {
+    const Vec3 d = x - surface.a, turn = surface.bend * d;
+    const double height = surface.normal.dot(d) - surface.offset, size = turn.norm();
+    if (!(size > 0)) return {height, surface.normal};
+    // straight on from where the normal has turned far enough: of its height this is the derivative, of which the
+    // length makes a distance
+    const double share = std::min(1.0, LiveSurface::kMostTurn / size);
+    const Vec3 normal = surface.normal + share * turn;
+    const double length = normal.norm();
+    return {(height + share * (1.0 - 0.5 * share) * d.dot(turn)) / length, normal / length};
+  }
   const Vec3 out = x - (surface.a + closestOnSegment(x, surface.a, surface.b) * (surface.b - surface.a));
   const double distance = out.norm();
   const Vec3 normal = distance > 1e-9 ? Vec3(out / distance) : surface.normal;
@@ -71,8 +80,8 @@ bool isFinite(const LiveModel& model) noexcept {
   for (int k = 0; k < 3; ++k) good = good && model.coriolis[k].allFinite() && model.coriolis_torque[k].allFinite();
   for (int i = 0; i < model.contacts; ++i) {
     const LiveSurface& s = model.surface[i];
-    good = good && s.normal.allFinite() && s.a.allFinite() && s.b.allFinite() && std::isfinite(s.offset) &&
-           std::isfinite(model.friction[i]);
+    good = good && s.normal.allFinite() && s.bend.allFinite() && s.a.allFinite() && s.b.allFinite() &&
+           std::isfinite(s.offset) && std::isfinite(model.friction[i]);
   }
   return good;
 }

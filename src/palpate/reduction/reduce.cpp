@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "palpate/common/parallel.h"
+#include "palpate/contact/surface_bend.h"
 #include "palpate/math/decompositions.h"
 #include "palpate/math/rotation.h"
 #include "palpate/math/segment.h"
@@ -14,6 +15,8 @@ namespace palpate {
 namespace {
 
 constexpr double kLeastCompliance = 1e-7, kMostShift = 1.0;  // [m/N]
+constexpr double kMostFacet = 0.1;                           // [rad]: by which a point's normal is turned
+constexpr double kMostRise = 1e-3;                           // [m]
 
 Mat6 pointInertia(double mass, const Vec3& place) {
   Eigen::Matrix<double, 3, 6> g;
@@ -37,6 +40,46 @@ void setRound(const Obstacle& obstacle, const Vec3& place, double gap, LiveSurfa
   surface.kind = LiveSurface::Kind::capsule;
   const double along = closestOnSegment(place, surface.a, surface.b);
   surface.offset = (place - surface.a - along * (surface.b - surface.a)).norm() - gap;
+}
+
+// Bends the plane of a cluster as the obstacle's triangles are bent around it. On a round wall,
+// - each point has the normal of a facet or an edge: it is turned to what it is at the point itself, as one that the
+//   point has left by now would push it on;
+// - the mean of the points is in front of the wall, and what turns there has too short a lever: it is put back;
+// - the normals add up to less than one, but the friction of all the forces is there.
+// @param place     of the cluster on the tool, is moved with the plane [m]
+// @param friction  of the cluster
+void bendPlane(const World& world, const std::vector<TouchPoint>& points, const TouchCluster& cluster,
+               LiveSurface& surface, Vec3& place, double& friction) {
+  std::vector<FixedFeature> features;
+  std::vector<int> triangles;
+  for (const auto& [index, weight] : cluster) {
+    features.push_back(world.fixedFeature(points[static_cast<std::size_t>(index)].contact));
+    if (features.back().surface != features.front().surface) return;
+    triangles.insert(triangles.end(), features.back().triangles.begin(), features.back().triangles.end());
+  }
+  if (features.front().surface == nullptr) return;
+  const Mat3 bend = surfaceBend(*features.front().surface, triangles, surface.a, surface.normal);
+  if (bend.isZero(0.0)) return;
+  Vec3 sum = Vec3::Zero();
+  double rise = 0;
+  for (std::size_t k = 0; k < cluster.size(); ++k) {
+    const auto& [index, weight] = cluster[k];
+    const TouchPoint& p = points[static_cast<std::size_t>(index)];
+    const Vec3 foot = p.place - p.gap * p.contact.normal, d = foot - surface.a;
+    const Vec3 turn = bend * (foot - features[k].middle);
+    const double size = turn.norm();
+    sum += weight * (p.contact.normal + kMostFacet / std::max(size, kMostFacet) * turn).normalized();
+    rise -= 0.5 * weight * d.dot(bend * d);
+  }
+  const double length = sum.norm();
+  surface.normal = sum / length;
+  const Mat3 flat = Mat3::Identity() - surface.normal * surface.normal.transpose();
+  surface.bend = flat * bend * flat;
+  const Vec3 back = std::clamp(rise, -kMostRise, kMostRise) * surface.normal;
+  surface.a -= back;
+  place -= back;
+  friction /= length;
 }
 
 }  // namespace
@@ -217,6 +260,11 @@ void ToolReduction::addContacts(World& world, const LiveSettings& settings, cons
       surface.kind = LiveSurface::Kind::tied;
     } else if (const Obstacle* obstacle = world.obstacleOf(first.contact)) {
       setRound(*obstacle, place, surface.normal.dot(place - foot), surface);
+      if (surface.kind == LiveSurface::Kind::plane) {
+        const Vec3 before = place;
+        bendPlane(world, points, clusters[g], surface, place, model.friction[g]);
+        model.arm.segment<3>(at) += rt * (place - before);
+      }
     }
     if (first.internal) {
       surface.kind = LiveSurface::Kind::internal;

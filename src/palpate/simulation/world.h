@@ -112,6 +112,8 @@ class World {
 
   /// What a contact is with, null: a body.
   const Obstacle* obstacleOf(const Contact& contact) const;
+  /// Of an obstacle's triangles; none where it is a plane or a body.
+  FixedFeature fixedFeature(const Contact& of) const { return surfaces_.fixedFeature(of); }
 
   /// Contacts of the last step, of all bodies that moved.
   const ContactSet& contacts() const { return stage_.result(); }
