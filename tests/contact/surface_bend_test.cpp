@@ -62,10 +62,13 @@ TEST(SurfaceBend, OfWhatIsFlatIsZeroToTheBit) {
 
 TEST(SurfaceBend, OfABallIsRoundAndConvex) {
   const CollisionSurface ball(sphereSurface(0.02));
-  const Vec3 out = Vec3(0.3, -0.5, 0.7).normalized();
-  const Mat3 bend = surfaceBend(ball, near(ball, 0.02 * out, 0.004), 0.02 * out, out);
-  const Mat3 flat = Mat3::Identity() - out * out.transpose();
-  EXPECT_LT((bend - flat / 0.02).norm(), 0.1 / 0.02);
+  // the last but for rounding at a vertex
+  for (const Vec3& at : {Vec3(0.3, -0.5, 0.7), Vec3(0.3, 0.1, 0.7), Vec3(1e-17, -3e-18, 1), Vec3(-1e-17, 2e-17, 1)}) {
+    const Vec3 out = at.normalized();
+    const Mat3 bend = surfaceBend(ball, near(ball, 0.02 * out, 0.004), 0.02 * out, out);
+    const Mat3 flat = Mat3::Identity() - out * out.transpose();
+    EXPECT_LT((bend - flat / 0.02).norm(), 0.1 / 0.02) << at.transpose();
+  }
 }
 
 }  // namespace

@@ -345,7 +345,7 @@ tool:
   EXPECT_TRUE(outcome.rides[0].came_back) << outcome.rides[0].handle_off;
 }
 
-// A tool so soft that the hand turns tetrahedra over: contact with itself must not keep them so. Each of these rides
+// A tool so soft that the hand turns tetrahedra over: nothing must keep them so. Each of these rides
 // once ended in a tangle.
 TEST(StressRide, ASoftToolThatIsHeldLeavesNoTetrahedraTurnedOver) {
   const SceneConfig config = readSceneFromString(R"(
@@ -369,7 +369,7 @@ tool:
     settings.rides = 1;
     settings.seed = seed;
     const StressOutcome outcome = runStress(scene, settings);
-    EXPECT_GT(outcome.all.folded, 20) << seed;  // on the way
+    EXPECT_GT(outcome.all.folded, 5) << seed;  // on the way
     EXPECT_EQ(outcome.all.inverted, 0) << seed;
     EXPECT_EQ(outcome.all.self_intersections, 0) << seed;
     ASSERT_EQ(outcome.rides.size(), 1u);

@@ -46,7 +46,9 @@ double weightBefore(const Vec2& p, const Vec2& q, double radius) {
   if (from >= to) return arc(p, q);
   const Vec2 u = p + from * (q - p), v = p + to * (q - p);
   const double mean = (u.squaredNorm() + u.dot(v) + v.squaredNorm()) / 6;
-  return arc(p, u) + 0.5 * cross(u, v) * (1 - mean / (radius * radius)) + arc(v, q);
+  // an end in the disk has no arc: at the origin rounding would make one of any angle
+  const double arcs = (from > 0 ? arc(p, u) : 0.0) + (to < 1 ? arc(v, q) : 0.0);
+  return arcs + 0.5 * cross(u, v) * (1 - mean / (radius * radius));
 }
 
 struct FaceInPlane {
