@@ -75,10 +75,13 @@ Mat3 surfaceBend(const CollisionSurface& surface, std::span<const int> triangles
     return face;
   };
   std::vector<FaceInPlane> faces;
-  const auto add = [&](const FaceInPlane& face, const Vec3& beside) {
-    const bool known =
-        std::any_of(faces.begin(), faces.end(), [&](const FaceInPlane& f) { return f.triangle == face.triangle; });
-    if (!known && face.normal.dot(normal) > kAlike && face.normal.dot(beside) > kAlike) faces.push_back(face);
+  const auto find = [&](int t) {
+    return std::find_if(faces.begin(), faces.end(), [&](const FaceInPlane& f) { return f.triangle == t; });
+  };
+  const auto add = [&](int t, const Vec3& beside) {
+    if (find(t) != faces.end()) return;
+    const FaceInPlane face = faceOf(t);
+    if (face.normal.dot(normal) > kAlike && face.normal.dot(beside) > kAlike) faces.push_back(face);
   };
   // at a crease, only the side that faces as the contact does
   Vec3 facing = Vec3::Zero();
@@ -86,7 +89,7 @@ Mat3 surfaceBend(const CollisionSurface& surface, std::span<const int> triangles
     const Vec3 n = faceOf(t).normal;
     if (n.dot(normal) > facing.dot(normal)) facing = n;
   }
-  for (const int t : triangles) add(faceOf(t), facing);
+  for (const int t : triangles) add(t, facing);
   double area = 0;
   Mat3 sum = Mat3::Zero();
   for (std::size_t i = 0; i < faces.size(); ++i) {
@@ -100,9 +103,8 @@ Mat3 surfaceBend(const CollisionSurface& surface, std::span<const int> triangles
       const auto& [t, u] = surface.edgeTriangles()[static_cast<std::size_t>(e)];
       const int other = t == face.triangle ? u : t;
       if (other < 0) continue;
-      if (faces.size() < kMostFaces) add(faceOf(other), face.normal);
-      const auto found =
-          std::find_if(faces.begin(), faces.end(), [&](const FaceInPlane& f) { return f.triangle == other; });
+      if (faces.size() < kMostFaces) add(other, face.normal);
+      const auto found = find(other);
       if (found == faces.end() || !(found->normal.dot(face.normal) > kAlike)) continue;
       // each edge comes twice, once from either side: half of the step across it, outward from this triangle
       const Vec2 along = (q - p).normalized();

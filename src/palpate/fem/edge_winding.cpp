@@ -5,6 +5,8 @@
 #include <numbers>
 #include <utility>
 
+#include "palpate/mesh/mesh_quality.h"
+
 namespace palpate {
 
 EdgeWinding::EdgeWinding(const TetrahedralMesh& mesh) : tetrahedra_(mesh.tetrahedra) {
@@ -57,9 +59,7 @@ double EdgeWinding::angle(int tetrahedron, const std::array<int, 2>& ends, const
     side[n++] = d - along * along.dot(d);
   }
   const double size = std::atan2(side[0].cross(side[1]).norm(), side[0].dot(side[1]));
-  const Vec3 a = at(t[0]);
-  const bool over = (at(t[1]) - a).dot((at(t[2]) - a).cross(at(t[3]) - a)) < 0;
-  return over ? -size : size;
+  return isTurnedOver(t, x) ? -size : size;
 }
 
 void EdgeWinding::around(int tetrahedron, const VecX& x, std::vector<int>& out) const {

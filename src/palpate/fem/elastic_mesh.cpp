@@ -98,6 +98,12 @@ int partsFor(int elements) {
   return std::min(1 + elements / kLeast, kMostParts);
 }
 
+double energyOf(const std::vector<FlatElement>& flat, double scale) {
+  double sum = 0;
+  for (const FlatElement& own : flat) sum += scale * own.energy;
+  return sum;
+}
+
 void add(const ElasticElement& e, const ElementForces& own, VecX& f) {
   for (int k = 0; k < 4; ++k) f.segment<3>(3 * e.node[k]) += own.force[k];
 }
@@ -183,18 +189,14 @@ std::vector<FlatElement> ElasticMesh::flatOnes(const VecX& x, const std::vector<
   return flat;
 }
 
-// @returns the energy [J]
-double ElasticMesh::addFlat(const VecX& x, const std::vector<int>& thin, const ElasticState& state,
-                            const std::vector<Mat3>& rotations, VecX& f) const {
-  double energy = 0;
-  for (const FlatElement& flat : flatOnes(x, thin, state.released, rotations)) {
-    const ElasticElement& e = elements_[flat.element];
-    const Mat3 turned = flat.frame.transpose() * rotations[flat.element];
-    const Mat3 p = state.stiffness_scale * (flat.frame * flat.stress.asDiagonal() * turned);
+void ElasticMesh::addFlat(const std::vector<FlatElement>& flat, const std::vector<Mat3>& rotations, double scale,
+                          VecX& f) const {
+  for (const FlatElement& own : flat) {
+    const ElasticElement& e = elements_[own.element];
+    const Mat3 turned = own.frame.transpose() * rotations[own.element];
+    const Mat3 p = scale * (own.frame * own.stress.asDiagonal() * turned);
     for (int k = 0; k < 4; ++k) f.segment<3>(3 * e.node[k]) -= p * e.gradient[k];
-    energy += state.stiffness_scale * flat.energy;
   }
-  return energy;
 }
 
 void ElasticMesh::forces(const VecX& x, const ElasticState& state, VecX& f) const {
@@ -206,7 +208,7 @@ void ElasticMesh::forces(const VecX& x, const ElasticState& state, VecX& f) cons
     add(e, own, f);
     if (own.thin) thin.push_back(static_cast<int>(i));
   }
-  addFlat(x, thin, state, state.rotations, f);
+  addFlat(flatOnes(x, thin, state.released, state.rotations), state.rotations, state.stiffness_scale, f);
 }
 
 double ElasticMesh::energy(const VecX& x, const ElasticState& state) const {
@@ -218,8 +220,7 @@ double ElasticMesh::energy(const VecX& x, const ElasticState& state) const {
     sum += own.energy;
     if (own.thin) thin.push_back(static_cast<int>(i));
   }
-  VecX unused = VecX::Zero(3 * nodes());
-  return sum + addFlat(x, thin, state, state.rotations, unused);
+  return sum + energyOf(flatOnes(x, thin, state.released, state.rotations), state.stiffness_scale);
 }
 
 double ElasticMesh::energyAt(const VecX& x, const ElasticState& state, ElasticAhead& ahead) const {
@@ -246,14 +247,11 @@ double ElasticMesh::energyAt(const VecX& x, const ElasticState& state, ElasticAh
   ahead.released = state.released;
   ahead.flat.clear();
   if (ahead.thin.empty() && ahead.released.empty()) return sum;
+  ahead.flat = flatOnes(x, ahead.thin, state.released, ahead.rotations);
+  sum += energyOf(ahead.flat, state.stiffness_scale);
   updateReleased(x, ahead.thin, ahead.released);
-  ahead.flat = flatOnes(x, ahead.thin, ahead.released, ahead.rotations);
-  VecX linear = ahead.forces;
-  sum += addFlat(x, ahead.thin, state, ahead.rotations, linear);
-  ElasticState next;
-  next.stiffness_scale = state.stiffness_scale;
-  next.released = ahead.released;
-  addFlat(x, ahead.thin, next, ahead.rotations, ahead.forces);
+  if (ahead.released != state.released) ahead.flat = flatOnes(x, ahead.thin, ahead.released, ahead.rotations);
+  addFlat(ahead.flat, ahead.rotations, state.stiffness_scale, ahead.forces);
   return sum;
 }
 

@@ -137,8 +137,7 @@ class ElasticMesh {
   void updateReleased(const VecX& x, const std::vector<int>& thin, std::vector<int>& released) const;
   std::vector<FlatElement> flatOnes(const VecX& x, const std::vector<int>& thin, const std::vector<int>& released,
                                     const std::vector<Mat3>& rotations) const;
-  double addFlat(const VecX& x, const std::vector<int>& thin, const ElasticState& state,
-                 const std::vector<Mat3>& rotations, VecX& f) const;
+  void addFlat(const std::vector<FlatElement>& flat, const std::vector<Mat3>& rotations, double scale, VecX& f) const;
 
   Material material_;
   EdgeWinding winding_;

@@ -40,18 +40,6 @@ bool isTurnedOver(const std::array<int, 4>& t, const VecX& positions) {
   return !(u.cross(v).dot(w) > 0);
 }
 
-double meanEdge(const TetrahedralMesh& mesh) {
-  double edge = 0;
-  for (const auto& t : mesh.tetrahedra) {
-    for (int i = 0; i < 4; ++i) {
-      for (int j = 0; j < i; ++j) {
-        edge += (mesh.nodes[t[i]] - mesh.nodes[t[j]]).norm() / (6.0 * static_cast<double>(mesh.tetrahedra.size()));
-      }
-    }
-  }
-  return edge;
-}
-
 TetrahedraQuality measureQuality(const TetrahedralMesh& mesh) {
   TetrahedraQuality q;
   if (mesh.tetrahedra.empty()) return q;

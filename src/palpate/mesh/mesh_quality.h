@@ -26,7 +26,5 @@ TriangleQuality measureQuality(const Surface& surface);
 double tetrahedronVolume(const TetrahedralMesh& mesh, const std::array<int, 4>& tetrahedron);
 /// Not of positive volume, or not finite, with its nodes at these positions, x y z of each [m].
 bool isTurnedOver(const std::array<int, 4>& tetrahedron, const VecX& positions);
-/// Length of a mesh's edges, each as often as it has tetrahedra [m].
-double meanEdge(const TetrahedralMesh& mesh);
 
 }  // namespace palpate

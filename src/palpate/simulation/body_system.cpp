@@ -236,23 +236,20 @@ void BodySystem::addPull(int element) {
   const bool tense = !tension_.empty() && !tension_[element].isZero(0.0);
   const Mat3 p = tense ? Mat3(std::sqrt(elastic.stiffness_scale) * tension_[element]) : Mat3::Zero();
   Eigen::Matrix<double, 3, 6> turning = Eigen::Matrix<double, 3, 6>::Zero();  // sum of B_j^T G_j
-  if (tense) {
+  const auto gather = [&](auto transposed, auto& out) {
     for (int j = 0; j < 4; ++j) {
       if (model_->attachedIndex()[e.node[j]] < 0) continue;
-      const Mat3 b = (skew(c[j].head<3>()) * p).transpose();
-      turning.leftCols<3>() += b;
-      turning.rightCols<3>() -= b * skew(arm[j]);
+      const auto b = transposed(Vec3(c[j].head<3>()));
+      out.template leftCols<3>() += b;
+      out.template rightCols<3>() -= b * skew(arm[j]);
     }
-  }
+  };
+  if (tense) gather([&](const Vec3& cj) { return Mat3((skew(cj) * p).transpose()); }, turning);
   const FlatElement* flat = flatElement(elastic.flat, element);
   Mat6 pressed = Mat6::Zero();  // the same for a flat element's B
   if (flat != nullptr) {
-    for (int j = 0; j < 4; ++j) {
-      if (model_->attachedIndex()[e.node[j]] < 0) continue;
-      const Eigen::Matrix<double, 6, 3> b = elastic.stiffness_scale * flat->factor(c[j].head<3>()).transpose();
-      pressed.leftCols<3>() += b;
-      pressed.rightCols<3>() -= b * skew(arm[j]);
-    }
+    const double scale = elastic.stiffness_scale;
+    gather([&](const Vec3& cj) { return Eigen::Matrix<double, 6, 3>(scale * flat->factor(cj).transpose()); }, pressed);
   }
   const Vec4 stretched = lambda * sum, turned = lambda * moment, sheared = mu * sum;
   for (int i = 0; i < 4; ++i) {
