@@ -9,17 +9,12 @@
 #include "palpate/reduction/partner_compliance.h"
 #include "palpate/reduction/tool_modes.h"
 #include "shared/held_scenes.h"
+#include "shared/pair_scenes.h"
 
 namespace palpate {
 namespace {
 
 using namespace test;
-
-Surface sphereAt(const Vec3& center, double radius) {
-  Surface out = sphereSurface(radius, 5);
-  for (Vec3& p : out.vertices) p += center;
-  return out;
-}
 
 // A bar held by its top, pressed a little onto the ground, or something else there, and shifted.
 struct Pressed {
@@ -153,14 +148,16 @@ TEST(Reduction, MergedContactsCarryTheWholeForce) {
 // On a ball of triangles: planes that bend as it does, and normals through its middle though facets have others.
 TEST(Reduction, PlanesBendAsTheObstacleDoes) {
   constexpr double kRadius = 0.05;
-  Pressed scene(Quat::Identity(), Obstacle{MeshShape{sphereAt(Vec3(0.03, 0.02, -kRadius), kRadius)}, 0.5, "ball"});
+  const Vec3 middle(0.03, 0.02, -kRadius);
+  const MeshShape ball{placed(sphereSurface(kRadius, 5), at(middle))};
+  Pressed scene(Quat::Identity(), Obstacle{ball, 0.5, "ball"});
   LiveBasis basis;
   const LiveModel model = scene.reduced({}, basis);
   ASSERT_TRUE(isFinite(model));
   ASSERT_GT(model.contacts, 0);
   for (int g = 0; g < model.contacts; ++g) {
     const LiveSurface& s = model.surface[static_cast<std::size_t>(g)];
-    const Vec3 out = (s.a - Vec3(0.03, 0.02, -kRadius)).normalized();
+    const Vec3 out = (s.a - middle).normalized();
     EXPECT_GT(s.normal.dot(out), std::cos(0.1)) << g;  // some are those of the bar's faces
     EXPECT_LT((s.bend * s.normal).norm(), 1e-9) << g;
     const Mat3 flat = Mat3::Identity() - s.normal * s.normal.transpose();
