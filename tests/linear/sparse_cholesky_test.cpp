@@ -8,9 +8,11 @@
 #include <numeric>
 #include <random>
 #include <stdexcept>
+#include <thread>
 #include <utility>
 #include <vector>
 
+#include "palpate/linear/node_ordering.h"
 #include "shared/count_allocations.h"
 
 namespace palpate {
@@ -333,6 +335,29 @@ TEST(SparseCholesky, SteadyStateDoesNotAllocate) {
     cholesky.solveFromTrailing(r, one);
   });
   EXPECT_EQ(count, 0);
+}
+
+// A lattice, for which METIS finds the best order, as alone, while other threads ask it as well.
+TEST(NodeOrdering, IsTheSameWhileOthersAreFound) {
+  constexpr int kSide = 12, kTimes = 8;
+  std::vector<std::pair<int, int>> pairs;
+  for (int i = 0; i < kSide * kSide * kSide; ++i) {
+    for (const int next : {1, kSide, kSide * kSide}) {
+      if (i / next % kSide + 1 < kSide) pairs.emplace_back(i + next, i);
+    }
+  }
+  const SymmetricBlockMatrix lattice = SymmetricBlockMatrix::fromPairs(kSide * kSide * kSide, pairs);
+  const NodeOrdering alone = orderNodes(lattice, {});
+  EXPECT_TRUE(alone.name == "metis" || alone.name == "nested-dissection") << alone.name;
+  std::vector<int> same(4, 0);
+  std::vector<std::thread> threads;
+  for (int& own : same) {
+    threads.emplace_back([&] {
+      for (int k = 0; k < kTimes; ++k) own += orderNodes(lattice, {}).order == alone.order ? 1 : 0;
+    });
+  }
+  for (std::thread& t : threads) t.join();
+  EXPECT_EQ(same, std::vector<int>(4, kTimes));
 }
 
 }  // namespace
