@@ -74,6 +74,14 @@ TEST(Live, GivesTheForceOfTheFineSimulation) {
   }
 }
 
+// What the scene lets a step cost bounds the methods, not what they are compared with.
+TEST(Evaluate, TheReferenceTakesItsTime) {
+  SceneConfig config = shipped("palpation");
+  config.visual_budget = 1e-4;
+  EXPECT_GE(referenceConfig(config).visual_budget, 100.0);
+  EXPECT_EQ(variantOf(config, "live", 0.033).visual_budget, 1e-4);
+}
+
 // Of a tool that is glued to an organ, where hsl is a step late.
 TEST(Live, GivesTheForceOfAGluedTool) {
   SceneConfig config = shipped("flap");

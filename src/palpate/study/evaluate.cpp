@@ -21,6 +21,7 @@ namespace {
 constexpr double kMostTicks = 200000;  // all traces of a scene are in memory at once
 constexpr std::size_t kMostVisualSteps = 16;
 constexpr double kOnsetShare = 0.1;  // of the reference's peak
+constexpr double kUnhurried = 1000;  // what a step of the reference may cost [s]
 
 /// What a run leaves behind for the comparison.
 struct RunTrace {
@@ -153,6 +154,7 @@ SceneConfig referenceConfig(const SceneConfig& config) {
   out.latency = 0;
   out.jitter = 0;
   out.aim = AimName::sample;
+  out.visual_budget = kUnhurried;
   return out;
 }
 
