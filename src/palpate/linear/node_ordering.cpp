@@ -3,8 +3,10 @@
 #include <cholmod.h>
 
 #include <algorithm>
-#include <mutex>
+#include <atomic>
 #include <numeric>
+
+#include "palpate/common/one_at_a_time.h"
 
 namespace palpate {
 namespace {
@@ -96,10 +98,7 @@ std::vector<int> postorder(const std::vector<int>& order, const EliminationTree&
 
 // METIS draws from the program's one rand(), which it seeds: calls at the same time would take each other's numbers,
 // and what they find, and so the rounding of every solution, would depend on chance.
-std::mutex& metisMutex() {
-  static std::mutex mutex;
-  return mutex;
-}
+std::atomic_flag metis_is_busy;
 
 /// CHOLMOD's orderings of a graph; each returns an empty vector if the library cannot provide it.
 class Orderings {
@@ -128,12 +127,12 @@ class Orderings {
     return run([&](int* order) { return cholmod_amd(&matrix_, nullptr, 0, order, &common_) != 0; });
   }
   std::vector<int> metis() {
-    const std::lock_guard alone(metisMutex());
+    const OneAtATime alone(metis_is_busy);
     return run([&](int* order) { return cholmod_metis(&matrix_, nullptr, 0, 1, order, &common_) != 0; });
   }
   std::vector<int> nestedDissection() {
     std::vector<int> parent(matrix_.nrow), member(matrix_.nrow);
-    const std::lock_guard alone(metisMutex());
+    const OneAtATime alone(metis_is_busy);
     return run([&](int* order) {
       return cholmod_nested_dissection(&matrix_, nullptr, 0, order, parent.data(), member.data(), &common_) >= 0;
     });
