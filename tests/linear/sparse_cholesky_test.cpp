@@ -14,6 +14,7 @@
 
 #include "palpate/linear/node_ordering.h"
 #include "shared/count_allocations.h"
+#include "shared/lattice_matrices.h"
 
 namespace palpate {
 namespace {
@@ -337,16 +338,10 @@ TEST(SparseCholesky, SteadyStateDoesNotAllocate) {
   EXPECT_EQ(count, 0);
 }
 
-// A lattice, for which METIS finds the best order, as alone, while other threads ask it as well.
+// A bar for which METIS finds the best order: as alone, while other threads ask it as well.
 TEST(NodeOrdering, IsTheSameWhileOthersAreFound) {
-  constexpr int kSide = 12, kTimes = 8;
-  std::vector<std::pair<int, int>> pairs;
-  for (int i = 0; i < kSide * kSide * kSide; ++i) {
-    for (const int next : {1, kSide, kSide * kSide}) {
-      if (i / next % kSide + 1 < kSide) pairs.emplace_back(i + next, i);
-    }
-  }
-  const SymmetricBlockMatrix lattice = SymmetricBlockMatrix::fromPairs(kSide * kSide * kSide, pairs);
+  constexpr int kTimes = 8;
+  const SymmetricBlockMatrix lattice = test::barMatrix(11, 11, 11).matrix;
   const NodeOrdering alone = orderNodes(lattice, {});
   EXPECT_TRUE(alone.name == "metis" || alone.name == "nested-dissection") << alone.name;
   std::vector<int> same(4, 0);
