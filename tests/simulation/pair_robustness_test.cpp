@@ -3,6 +3,8 @@
 
 #include <cmath>
 
+#include "palpate/contact/self_intersections.h"
+#include "shared/attached_bodies.h"
 #include "shared/pair_scenes.h"
 
 namespace palpate {
@@ -130,6 +132,41 @@ TEST(SelfContact, TangleComesApart) {
   for (int n = 0; n < 90; ++n) ASSERT_NE(hook.world.step({start, Vec6::Zero()}, 0.033).status, StepStatus::restored);
   EXPECT_EQ(hook.crossing(), 0);
   EXPECT_LT((hook.world.tool().state.positions - rest).lpNorm<Eigen::Infinity>(), 0.002);
+}
+
+// Triangles of a body's surface that pass through each other, those of neighboring tetrahedra included.
+int selfCrossings(const Body& body) {
+  CollisionSurface surface(body.model.mesh().surface);
+  surface.start = surface.end = surfacePoints(body);
+  surface.refit();
+  std::vector<std::array<int, 2>> pairs;
+  findSelfIntersections(surface, pairs);
+  return static_cast<int>(pairs.size());
+}
+
+// A bar that is fixed at one end and pressed or folded onto itself by the other: tetrahedra at the creases, which share
+// nodes, do not pass through each other.
+TEST(SelfContact, CreasesDoNotPassThroughThemselves) {
+  const Vec3 size(0.024, 0.012, 0.045);
+  for (const auto& [move, turn] : {std::pair<Vec3, Vec3>{{0.02, 0, -0.03}, {0, 2, 0}},
+                                   {{0.005, 0, -0.035}, {0, 0, 0}},
+                                   {{0, 0.03, -0.07}, {3, 0, 0}}}) {
+    BodyModel body("bar", barMesh(size, {4, 2, 7}), material(5e4));
+    body.attach(fixed(body, [](const Vec3& x) { return x.z() < 1e-9; }));
+    holdNodes(body, nodesWhere(body.mesh().mesh.nodes, [&](const Vec3& x) { return x.z() > size.z() - 0.008; }),
+              kPlainHandle);
+    World world;
+    world.link = {3000, 5, 3.0, 0.01};
+    world.add(std::move(body), true);
+    DeviceTarget device{world.tool().state.handle.pose, Vec6::Zero()};
+    const Pose start = device.pose;
+    for (int n = 0; n < 120; ++n) {
+      const double way = std::min(n / 60.0, 1.0);
+      device.pose = {start.position + way * move, expRotation(way * turn)};
+      ASSERT_NE(world.step(device, 0.02).status, StepStatus::restored);
+      ASSERT_EQ(selfCrossings(world.tool()), 0) << "step " << n << ", turned by " << turn.norm();
+    }
+  }
 }
 
 // --- sheet

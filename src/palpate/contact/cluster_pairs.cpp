@@ -10,7 +10,7 @@ namespace palpate {
 
 // Tests the clusters that meet, part by part, and leaves them to the front.
 void SurfacePairFinder::testMeetingClusters(PairSearch& s) {
-  tested_ += static_cast<double>(meeting_.size());
+  tested_ += weight_ * static_cast<double>(meeting_.size());
   if (gave_up_) {
     meeting_.clear();
     return;

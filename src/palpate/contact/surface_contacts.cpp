@@ -88,6 +88,15 @@ class CommonExit {
   double least_ = -std::numeric_limits<double>::infinity();
 };
 
+// Whether each vertex of the surface is a node. Then any two features without a common vertex have nodes of their own,
+// by which contact can hold them apart: so nothing need be left out, and no crease passes through itself.
+bool isOfNodes(const SimulationMesh& mesh) {
+  constexpr double kRounding = 1e-9;
+  return std::all_of(mesh.embedding.begin(), mesh.embedding.end(), [&](const EmbeddedPoint& p) {
+    return std::count_if(p.weights.begin(), p.weights.end(), [&](double w) { return std::abs(w) > kRounding; }) == 1;
+  });
+}
+
 }  // namespace
 
 int SurfaceContacts::id(const Item& item) {
@@ -121,7 +130,7 @@ void SurfaceContacts::addBody(int body, const SimulationMesh& mesh, bool self) {
   if (self && !clusters.empty()) {  // one alone does not touch itself
     item.tetrahedra = mesh.mesh.tetrahedra;
   }
-  if (self) item.exclusion = excludeNeighbors(item.surface, item.patch, mesh.mesh);
+  if (self && !isOfNodes(mesh)) item.exclusion = excludeNeighbors(item.surface, item.patch, mesh.mesh);
   if (clusters.empty()) {
     for (int c = 0; c < item.surface.clusters(); ++c) {
       for (const int v : item.surface.verticesOfCluster(c)) item.patch[v] = c;

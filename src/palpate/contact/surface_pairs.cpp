@@ -15,6 +15,13 @@ float startDistance(const MovingBox& p, const MovingBox& q) {
   return std::sqrt(gap.max(0.0f).square().sum());
 }
 
+// On average.
+double trianglesOfCluster(const CollisionSurface& s) {
+  return static_cast<double>(s.triangles().size()) / static_cast<double>(s.clusters());
+}
+
+constexpr double kTrianglePairs = 50;  // of two clusters that count as one pair
+
 }  // namespace
 
 void SurfacePairFinder::find(const CollisionSurface& a, const CollisionSurface& b, double reach,
@@ -46,6 +53,7 @@ void SurfacePairFinder::search(PairSearch& s) {
       std::isfinite(ratio)
           ? static_cast<int>(std::clamp(std::ceil(0.5 * ratio), 1.0, static_cast<double>(settings_.max_pieces)))
           : 1;
+  weight_ = std::min(1.0, trianglesOfCluster(s.a) * trianglesOfCluster(s.b) / kTrianglePairs);
   meeting_.clear();
   counted_ = pieces == 1;
   if (s.front != nullptr) {
@@ -121,7 +129,7 @@ void SurfacePairFinder::descendFromRoots(PairSearch& s) {
 }
 
 bool SurfacePairFinder::tooMany() {
-  gave_up_ = gave_up_ || tested_ + static_cast<double>(meeting_.size()) > allowed_;
+  gave_up_ = gave_up_ || tested_ + weight_ * static_cast<double>(meeting_.size()) > allowed_;
   return gave_up_;
 }
 

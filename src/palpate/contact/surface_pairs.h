@@ -52,8 +52,9 @@ class SurfacePairFinder {
     tested_ = 0;
     gave_up_ = false;
   }
-  double tested() const { return tested_; }  ///< pairs of clusters since allow()
-  bool gaveUp() const { return gave_up_; }   ///< since allow()
+  /// Pairs of clusters since allow(), those of a few triangles counted as the fraction of one that they cost.
+  double tested() const { return tested_; }
+  bool gaveUp() const { return gave_up_; }  ///< since allow()
 
  private:
   using NodePair = PairFront::NodePair;
@@ -91,6 +92,7 @@ class SurfacePairFinder {
   bool tooMany();
   PairSettings settings_;
   double allowed_ = std::numeric_limits<double>::infinity(), tested_ = 0;
+  double weight_ = 1;  // of a pair of clusters, among tested_
   bool gave_up_ = false;
   std::vector<NodePair> stack_;
   std::vector<Meeting> meeting_, on_the_way_;
