@@ -338,6 +338,46 @@ TEST(SparseCholesky, SteadyStateDoesNotAllocate) {
   EXPECT_EQ(count, 0);
 }
 
+// More nodes at the end, moved there: solves and trailing block are right, and which orders the object knew before does
+// not change a bit.
+TEST(SparseCholesky, ExtendedOrderIsRightAndTheSameFromAnew) {
+  constexpr std::size_t kSought = 6;
+  const SymmetricBlockMatrix matrix = randomMatrix(120, 8);
+  const MatX a = dense(matrix);
+  const std::vector<int> last = someNodes(120, 20, 3);
+  SparseCholesky grown, anew;
+  grown.analyze(matrix, std::span(last).first(kSought));
+  grown.extend(matrix, std::span(last).first(kSought + 4), kSought);
+  for (SparseCholesky* cholesky : {&grown, &anew}) {
+    cholesky->extend(matrix, last, kSought);
+    ASSERT_TRUE(cholesky->factorize(matrix));
+  }
+  EXPECT_EQ(grown.statistics().ordering, "extended");
+  EXPECT_GE(grown.statistics().flops, grown.statistics().sought_flops);
+  const MatX rhs = randomColumns(360, 5, 9);
+  MatX x = rhs, y = rhs;
+  grown.solve(x);
+  anew.solve(y);
+  EXPECT_LT(relativeError(a * x, rhs), 1e-11);
+  EXPECT_EQ(x, y);
+  const MatX inverse = a.inverse();
+  MatX block(60, 60);
+  for (int i = 0; i < 20; ++i) {
+    for (int j = 0; j < 20; ++j) block.block<3, 3>(3 * i, 3 * j) = inverse.block<3, 3>(3 * last[i], 3 * last[j]);
+  }
+  const MatX lower = grown.trailing();
+  EXPECT_LT(relativeError(block * (lower * lower.transpose()), MatX::Identity(60, 60)), 1e-10);
+  EXPECT_THROW(grown.extend(matrix, last, last.size() + 1), std::invalid_argument);
+
+  // another matrix of the same size, with the same nodes
+  const SymmetricBlockMatrix other = randomMatrix(120, 11);
+  grown.extend(other, last, kSought);
+  ASSERT_TRUE(grown.factorize(other));
+  x = rhs;
+  grown.solve(x);
+  EXPECT_LT(relativeError(dense(other) * x, rhs), 1e-11);
+}
+
 // A bar for which METIS finds the best order: as alone, while other threads ask it as well.
 TEST(NodeOrdering, IsTheSameWhileOthersAreFound) {
   constexpr int kTimes = 8;

@@ -251,4 +251,20 @@ NodeOrdering orderNodes(const SymmetricBlockMatrix& pattern, std::span<const int
   return best;
 }
 
+NodeOrdering withMoreLast(const SymmetricBlockMatrix& pattern, const std::vector<int>& found,
+                          std::span<const int> last) {
+  const std::vector<int> rank = rankAmong(last, pattern.size);
+  NodeOrdering out;
+  out.couplings = couplingsOf(pattern, last, rank);
+  const Graph whole(pattern.size, out.couplings);
+  std::vector<int> order;
+  order.reserve(found.size());
+  for (const int node : found) {
+    if (rank[node] < 0) order.push_back(node);
+  }
+  order.insert(order.end(), last.begin(), last.end());
+  Cheapest(whole, last, out).consider(order, "extended");
+  return out;
+}
+
 }  // namespace palpate

@@ -22,4 +22,10 @@ struct NodeOrdering {
 /// Tries several orderings of the node graph and keeps the cheapest. `last`: distinct nodes of the pattern.
 NodeOrdering orderNodes(const SymmetricBlockMatrix& pattern, std::span<const int> last);
 
+/// An ordering that was found, with more nodes last: they come from where they were to the end. Takes no search, and
+/// somewhat more fill.
+/// @param last  those that `found` has last, in its order, then the others
+NodeOrdering withMoreLast(const SymmetricBlockMatrix& pattern, const std::vector<int>& found,
+                          std::span<const int> last);
+
 }  // namespace palpate

@@ -115,6 +115,9 @@ struct SparseCholesky::Impl {
   Impl(const Impl&) = delete;
   Impl& operator=(const Impl&) = delete;
 
+  void seek(const SymmetricBlockMatrix& pattern, std::span<const int> last_nodes);
+  void analyze(const SymmetricBlockMatrix& pattern, const NodeOrdering& ordering, std::size_t last_nodes,
+               Numeric numeric);
   void buildPermutedPattern(const NodeOrdering& ordering);
   void findPanels();
   void buildDestinations(const SymmetricBlockMatrix& pattern);
@@ -137,6 +140,10 @@ struct SparseCholesky::Impl {
   PanelGram gram;
   std::vector<double> panel_values;  // with padding
   const double* factor = nullptr;    // panel_values once they hold a factor
+
+  // the ordering that was sought last, what for
+  NodeOrdering sought;
+  std::vector<int> sought_last, sought_column, sought_row;
 
   std::vector<int> order, position;  // node of a position in the factor, and the reverse
   std::vector<Destination> destinations;
@@ -317,6 +324,12 @@ SparseCholesky::SparseCholesky(SparseCholesky&&) noexcept = default;
 SparseCholesky& SparseCholesky::operator=(SparseCholesky&&) noexcept = default;
 
 void SparseCholesky::analyze(const SymmetricBlockMatrix& pattern, std::span<const int> last_nodes, Numeric numeric) {
+  extend(pattern, last_nodes, last_nodes.size(), numeric);
+}
+
+void SparseCholesky::extend(const SymmetricBlockMatrix& pattern, std::span<const int> last_nodes, std::size_t sought,
+                            Numeric numeric) {
+  if (sought > last_nodes.size()) throw std::invalid_argument("SparseCholesky: fewer last nodes than were sought for");
   std::vector<char> seen(pattern.size, 0);
   for (const int node : last_nodes) {
     if (node < 0 || node >= pattern.size || seen[node])
@@ -324,19 +337,38 @@ void SparseCholesky::analyze(const SymmetricBlockMatrix& pattern, std::span<cons
     seen[node] = 1;
   }
   Impl& m = *impl_;
-  const NodeOrdering ordering = orderNodes(pattern, last_nodes);
+  m.seek(pattern, last_nodes.first(sought));
+  if (sought == last_nodes.size()) {
+    m.analyze(pattern, m.sought, sought, numeric);
+  } else {
+    m.analyze(pattern, withMoreLast(pattern, m.sought.order, last_nodes), last_nodes.size(), numeric);
+  }
+}
+
+// Into sought, where it is not there from before.
+void SparseCholesky::Impl::seek(const SymmetricBlockMatrix& pattern, std::span<const int> last_nodes) {
+  if (!sought.name.empty() &&
+      std::equal(last_nodes.begin(), last_nodes.end(), sought_last.begin(), sought_last.end()) &&
+      sought_column == pattern.column && sought_row == pattern.row)
+    return;
+  sought = orderNodes(pattern, last_nodes);
+  sought_last.assign(last_nodes.begin(), last_nodes.end());
+  sought_column = pattern.column;
+  sought_row = pattern.row;
+}
+
+void SparseCholesky::Impl::analyze(const SymmetricBlockMatrix& pattern, const NodeOrdering& ordering,
+                                   std::size_t last_nodes, Numeric numeric) {
+  Impl& m = *this;
   const bool compact = numeric == Numeric::compact || (numeric == Numeric::automatic && ordering.flops < kCompactFlops);
   m.buildPermutedPattern(ordering);
   m.findPanels();
 
-  m.last = static_cast<int>(last_nodes.size());
-  m.statistics = {3 * pattern.size,
-                  3 * m.last,
-                  m.panels.valueCount(),
-                  ordering.flops,
-                  static_cast<int>(m.panels.panels().size()),
-                  ordering.name,
-                  compact ? "compact" : "cholmod"};
+  m.last = static_cast<int>(last_nodes);
+  m.statistics = {3 * pattern.size,      3 * m.last,
+                  m.panels.valueCount(), ordering.flops,
+                  sought.flops,          static_cast<int>(m.panels.panels().size()),
+                  ordering.name,         compact ? "compact" : "cholmod"};
   m.first_panel = m.last > 0 ? m.panels.panelOf(pattern.size - m.last) : 0;
   m.trailing = MatX::Zero(3 * m.last, 3 * m.last);
   m.active.assign(m.panels.panels().size(), 0);

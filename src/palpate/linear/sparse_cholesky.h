@@ -25,13 +25,15 @@ class SparseCholesky {
   enum class Numeric { automatic, compact, cholmod };
 
   struct Statistics {
-    int dof = 0;               ///< rows of the matrix
-    int last = 0;              ///< rows of the trailing block
-    std::size_t nonzeros = 0;  ///< entries stored in L, explicit zeros of the supernodes included
-    double flops = 0.0;        ///< operations of one numeric factorization, explicit zeros not counted
+    int dof = 0;                ///< rows of the matrix
+    int last = 0;               ///< rows of the trailing block
+    std::size_t nonzeros = 0;   ///< entries stored in L, explicit zeros of the supernodes included
+    double flops = 0.0;         ///< operations of one numeric factorization, explicit zeros not counted
+    double sought_flops = 0.0;  ///< those in the ordering that was sought
     int supernodes = 0;
-    std::string ordering;  ///< the ordering that won: "camd", "amd", "metis", "nested-dissection" or "natural"
-    std::string numeric;   ///< "compact" or "cholmod"
+    std::string
+        ordering;  ///< the ordering that won: "camd", "amd", "metis", "nested-dissection" "natural" or "extended"
+    std::string numeric;  ///< "compact" or "cholmod"
   };
 
   SparseCholesky();
@@ -43,6 +45,11 @@ class SparseCholesky {
   /// of the trailing block, in its order; distinct. Throws std::invalid_argument if they are out of range or repeated.
   void analyze(const SymmetricBlockMatrix& pattern, std::span<const int> last_nodes = {},
                Numeric numeric = Numeric::automatic);
+  /// The same with an ordering that was sought for the first `sought` of the last nodes, and the others moved to its
+  /// end. Cheap where the last call had these first ones too, as it then need not be sought again; what comes out does
+  /// not depend on that.
+  void extend(const SymmetricBlockMatrix& pattern, std::span<const int> last_nodes, std::size_t sought,
+              Numeric numeric = Numeric::automatic);
 
   /// Numeric factorization. False if the matrix is not positive definite or not finite; the factor is then not to be
   /// used. Throws std::invalid_argument if the pattern is not of the size that was analyzed.

@@ -13,6 +13,7 @@ namespace palpate {
 struct FactorOrder {
   bool chosen = false;          ///< false: the next step chooses
   std::vector<int> last_nodes;  ///< those that contact may touch
+  int sought = 0;               ///< for so many of them, the first, the order was sought; the others were moved
   int surplus_steps = 0;        ///< steps in a row in which far too many nodes were last
 };
 

@@ -65,7 +65,7 @@ bool BodySystem::prepareFollowing(const VecX& places, const BodyState& state, do
   prepared_.step = step;
   prepared_.ready = false;
   turned_ = false;
-  if (!analyzed_ || last_nodes_ != state.order.last_nodes) analyze(state.order.last_nodes);
+  if (!isAnalyzed(state.order)) analyze(state.order);
   elastic.rotations.swap(prepared_.elastic.rotations);
   elastic.flat.swap(prepared_.elastic.flat);
   assembleMatrix(step, elastic);
@@ -332,7 +332,7 @@ void BodySystem::addLink(Vec6& wrench) {
 
 bool BodySystem::contactNodesFit(const std::vector<int>& needed) {
   FactorOrder& order = state_->order;
-  if (order.chosen && (!analyzed_ || last_nodes_ != order.last_nodes)) analyze(order.last_nodes);
+  if (order.chosen && !isAnalyzed(order)) analyze(order);
   int missing = 0;
   int free = 0;
   seen_.assign(model_->row().size(), 0);
@@ -358,26 +358,50 @@ bool BodySystem::lacksNodes(const ContactPoint& point, int self) const {
 }
 
 void BodySystem::orderContactNodes(const std::vector<int>& nodes) {
+  state_->order = {true, {}, 0, 0};
+  appendContactNodes(nodes);
+  state_->order.sought = static_cast<int>(state_->order.last_nodes.size());
+  analyze(state_->order);
+}
+
+void BodySystem::addContactNodes(const std::vector<int>& nodes) {
+  constexpr double kDearer = 1.3;  // times the operations of the order that was sought
   FactorOrder& order = state_->order;
-  order = {true, {}, 0};
+  appendContactNodes(nodes);
+  order.surplus_steps = 0;
+  analyze(order);
+  if (!nodes_last_ || factor_.statistics().flops < kDearer * factor_.statistics().sought_flops) return;
+  order.sought = static_cast<int>(order.last_nodes.size());
+  analyze(order);
+}
+
+// Free ones, each once.
+void BodySystem::appendContactNodes(const std::vector<int>& nodes) {
+  std::vector<int>& last = state_->order.last_nodes;
   seen_.assign(model_->row().size(), 0);
+  for (const int n : last) seen_[n] = 1;
   for (const int n : nodes) {
     if (row(n) < 0 || seen_[n]) continue;
     seen_[n] = 1;
-    order.last_nodes.push_back(n);
+    last.push_back(n);
   }
-  analyze(order.last_nodes);
 }
 
-// Symbolic analysis of A_tt for free nodes, each once.
-void BodySystem::analyze(const std::vector<int>& nodes) {
+bool BodySystem::isAnalyzed(const FactorOrder& order) const {
+  return analyzed_ && last_nodes_ == order.last_nodes && sought_ == order.sought;
+}
+
+// Symbolic analysis of A_tt.
+void BodySystem::analyze(const FactorOrder& order) {
   constexpr std::size_t kMany = 64;  // nodes; fewer are last in any case
   if (turned_) {                     // what is prepared has the order of before
     turned_ = false;
     prepared_.ready = false;
     assembleMatrix(input_.step, state_->elastic);
   }
+  const std::vector<int>& nodes = order.last_nodes;
   last_nodes_ = nodes;
+  sought_ = order.sought;
   std::fill(trailing_.begin(), trailing_.end(), -1);
   std::vector<int> rows;
   rows.reserve(nodes.size());
@@ -385,16 +409,17 @@ void BodySystem::analyze(const std::vector<int>& nodes) {
     trailing_[nodes[k]] = static_cast<int>(k);
     rows.push_back(row(nodes[k]));
   }
+  if (!nodes_last_) std::swap(factor_, spare_);
   nodes_last_ = true;
-  if (!model_->free().empty()) factor_.analyze(a_, rows);
+  if (!model_->free().empty()) factor_.extend(a_, rows, static_cast<std::size_t>(order.sought));
   if (rows.size() >= kMany) {
     // operations of the factor and of W for a contact on each node, either way
     const double dense = 3.0 * static_cast<double>(rows.size());
     const double last = factor_.statistics().flops + 2.0 * dense * dense * dense;
-    SparseCholesky anywhere;
-    anywhere.analyze(a_);
-    if (anywhere.statistics().flops + anywhere.gramOperations(rows) < last) {
-      factor_ = std::move(anywhere);
+    if (!spare_analyzed_) spare_.analyze(a_);
+    spare_analyzed_ = true;
+    if (spare_.statistics().flops + spare_.gramOperations(rows) < last) {
+      std::swap(factor_, spare_);
       nodes_last_ = false;
     }
   }

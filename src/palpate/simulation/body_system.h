@@ -88,6 +88,9 @@ class BodySystem {
   /// Orders the given nodes last in the factor, so that contact on them is cheap; where they are so many that their
   /// dense block would cost more than it saves, none is (docs/sparse-factorization.md). A new symbolic analysis: rare.
   void orderContactNodes(const std::vector<int>& nodes);
+  /// The same in the middle of a step for nodes besides those that are last: they are moved to the end, which takes no
+  /// search, unless that makes the factor much dearer.
+  void addContactNodes(const std::vector<int>& nodes);
   /// Numeric factorization, in the order that the state says. @returns false if A_tt is not positive definite or not
   /// finite.
   bool factorize();
@@ -235,7 +238,9 @@ class BodySystem {
   void formDelassus(BodyContactRows& rows);
   void addHandleDelassus(BodyContactRows& rows) const;
   void updateDelassus(const std::vector<Contact>& contacts, int self, BodyContactRows& rows);
-  void analyze(const std::vector<int>& nodes);
+  bool isAnalyzed(const FactorOrder& order) const;
+  void analyze(const FactorOrder& order);
+  void appendContactNodes(const std::vector<int>& nodes);
 
   const BodyModel* model_;
   BodyState* state_ = nullptr;  // of the present step
@@ -253,9 +258,12 @@ class BodySystem {
   ElasticAhead ahead_;
   SymmetricBlockMatrix a_;
   SparseCholesky factor_;
+  SparseCholesky spare_;  // the one with no nodes last, once it was asked for, or that with them
+  bool spare_analyzed_ = false;
   bool analyzed_ = false;
   std::size_t analyses_ = 0;
   std::vector<int> last_nodes_;  // that the factor was analyzed for
+  int sought_ = 0;               // FactorOrder::sought of that
   std::vector<int> trailing_;    // node -> index among last_nodes_, -1
   bool nodes_last_ = true;       // they are; else they were too many, and the order suits contact anywhere
   std::vector<char> seen_;

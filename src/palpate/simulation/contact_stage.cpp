@@ -421,7 +421,7 @@ bool ContactStage::prepareNodes(const MovingBodies& bodies) {
       missing |= body.lacksNodes(c.first, index) || body.lacksNodes(c.second, index);
     }
     if (!missing) continue;
-    std::vector<int> nodes = body.contactNodes();
+    std::vector<int> nodes;
     for (const std::vector<Contact>* list : {&set_.contacts, &candidates_}) {
       for (const Contact& c : *list) {
         for (const ContactPoint* point : {&c.first, &c.second}) {
@@ -430,7 +430,7 @@ bool ContactStage::prepareNodes(const MovingBodies& bodies) {
         }
       }
     }
-    body.orderContactNodes(nodes);
+    body.addContactNodes(nodes);
     if (!body.factorize()) return false;
     body.solveFreeAgain();
   }

@@ -96,7 +96,8 @@ void World::requireFit(int i, const BodyState& state) const {
                        (released.empty() || (released.front() >= 0 && released.back() < elements));
   if (!ordered || state.positions.size() != size || state.velocities.size() != size ||
       state.elastic.rotations.size() != model.elasticity().elements().size() || !(state.elastic.stiffness_scale > 0) ||
-      !std::all_of(last.begin(), last.end(), known)) {
+      !std::all_of(last.begin(), last.end(), known) || state.order.sought < 0 ||
+      state.order.sought > static_cast<int>(last.size())) {
     throw InputError("state", model.name(), "is not a state of this body");
   }
 }

@@ -12,7 +12,7 @@ namespace palpate {
 namespace {
 
 constexpr std::uint32_t kMagic = 0x54535050;  // "PPST"
-constexpr std::uint32_t kVersion = 5;
+constexpr std::uint32_t kVersion = 6;
 
 class Writer {
  public:
@@ -184,6 +184,7 @@ void fields(A& a, BodyState& body) {
   fields(a, body.elastic.released);
   fields(a, body.order.chosen);
   fields(a, body.order.last_nodes);
+  fields(a, body.order.sought);
   fields(a, body.order.surplus_steps);
 }
 
