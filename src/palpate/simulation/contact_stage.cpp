@@ -10,7 +10,7 @@ namespace palpate {
 namespace {
 
 constexpr double kFarOff = 0.1;           // thicknesses that a residual may mean in a step
-constexpr int kLastPasses = 4;            // in a try whose end is limited in any case
+constexpr int kLastPasses = 4;            // in a try whose end is limited in any case, where the budget is used up
 constexpr int kLastNew = 8;               // as many times as many new places as in others
 constexpr double kLeastOperations = 1e6;  // of a solve, also where nothing is left: a tenth of a millisecond
 constexpr double kDeep = 0.5;             // thicknesses below a plane at which a motion is cut short
@@ -63,8 +63,8 @@ bool ContactStage::solve(const MovingBodies& bodies, const ContactInput& input, 
     x_before_ = x_end_;
     // a solution that is far off says nothing about what else would touch
     const bool far_off = !set_.solver.converged && set_.solver.residual * h > kFarOff * settings.thickness;
-    if (far_off || still || work.left() <= 0 || set_.passes >= (input.share > 0 ? settings.max_passes : kLastPasses))
-      break;
+    const bool hurried = input.share == 0 && input.work.usedUp();
+    if (far_off || still || work.left() <= 0 || set_.passes >= (hurried ? kLastPasses : settings.max_passes)) break;
     const auto [crossing, fresh] = findViolated();
     if (violated_.empty()) break;
     const bool first = set_.passes <= 1, need_not = input.share > 0;

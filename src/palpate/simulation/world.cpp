@@ -300,6 +300,8 @@ constexpr int kShortest = 16;       // as a part of a step
 constexpr int kMostPulled = 15;     // steps after a path was left, before one is tried again
 constexpr int kGoodParts = 4;       // so many good parts before a longer one is tried
 constexpr double kTryShare = 0.15;  // of the budget: what a try may cost that need not succeed
+constexpr double kDearShare = 0.2;  // of the budget: who has used that up cannot afford many more tries that fail
+constexpr double kPartCost = 2.0;   // of a part that is good, for its factorization's
 // an end that has more energy than work explains, by this much in a whole step [J], is not believed
 constexpr double kEnergyFloor = 1e-5;
 // a handle that is led takes the free nodes along as one rigid body first
@@ -363,8 +365,16 @@ StepInput World::inputAt(const Way& way, double from, double to) const {
   return input;
 }
 
+// Whether the budget is likely to last for so many good parts.
+bool World::affords(int parts) const {
+  double factors = 0;
+  for (const auto& system : systems_) factors += system->factorOperations();
+  return kPartCost * factors * parts < meter_.left();
+}
+
 // A part of the step, in one or in halves and halves of halves where that fails. Where the budget is used up it ends
-// early: a world that is slow for a moment is better than one that is wrong.
+// early: a world that is slow for a moment is better than one that is wrong. A failed try that was dear is followed by
+// one that is shorter than it would be otherwise: that may fail as well, and at such a price there is no third time.
 void World::stepAlong(Way& way, double from, double to, StepReport& sum) {
   int done = 0;  // of the shortest parts
   int successes = 0;
@@ -384,6 +394,9 @@ void World::stepAlong(Way& way, double from, double to, StepReport& sum) {
       } else {
         ++halvings;
       }
+      const int shorter = kShortest >> (halvings + 1);
+      const bool dear = meter_.left() < (1.0 - kDearShare) * meter_.whole();
+      if (dear && shorter > 0 && affords((kShortest - done) / shorter)) ++halvings;
       while (kShortest >> halvings > 1 && kShortest >> halvings > promising * length) ++halvings;
       successes = 0;
       continue;

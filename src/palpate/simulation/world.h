@@ -150,6 +150,7 @@ class World {
   StepReport walk(Way way, int parts);
   StepInput inputAt(const Way& way, double from, double to) const;
   void stepAlong(Way& way, double from, double to, StepReport& sum);
+  bool affords(int parts) const;
   bool tryStep(const StepInput& input, double share, bool last, StepReport& report);
   StepReport stepBodies(const std::vector<int>& moving, const StepInput& input, Ending ending, double share = 0.0);
   bool beginBodies(const std::vector<int>& moving, const StepInput& input, Ending ending, StepReport& report);
