@@ -359,27 +359,26 @@ void SparseCholesky::Impl::seek(const SymmetricBlockMatrix& pattern, std::span<c
 
 void SparseCholesky::Impl::analyze(const SymmetricBlockMatrix& pattern, const NodeOrdering& ordering,
                                    std::size_t last_nodes, Numeric numeric) {
-  Impl& m = *this;
   const bool compact = numeric == Numeric::compact || (numeric == Numeric::automatic && ordering.flops < kCompactFlops);
-  m.buildPermutedPattern(ordering);
-  m.findPanels();
+  buildPermutedPattern(ordering);
+  findPanels();
 
-  m.last = static_cast<int>(last_nodes);
-  m.statistics = {3 * pattern.size,      3 * m.last,
-                  m.panels.valueCount(), ordering.flops,
-                  sought.flops,          static_cast<int>(m.panels.panels().size()),
-                  ordering.name,         compact ? "compact" : "cholmod"};
-  m.first_panel = m.last > 0 ? m.panels.panelOf(pattern.size - m.last) : 0;
-  m.trailing = MatX::Zero(3 * m.last, 3 * m.last);
-  m.active.assign(m.panels.panels().size(), 0);
-  m.work.assign(static_cast<std::size_t>(3 * pattern.size) * 16, 0.0);
-  m.factor = nullptr;
-  if (compact) m.panels.planUpdates();
-  m.buildDestinations(pattern);
-  m.panel_values.assign(m.panels.valueCount() + PanelFactor::kPadding, 0.0);
-  m.permuted_values.assign(compact ? 0 : m.permuted_row.size(), 0.0);
-  m.permuted.x = m.permuted_values.data();
-  m.permuted.xtype = compact ? CHOLMOD_PATTERN : CHOLMOD_REAL;
+  last = static_cast<int>(last_nodes);
+  statistics = {3 * pattern.size,    3 * last,
+                panels.valueCount(), ordering.flops,
+                sought.flops,        static_cast<int>(panels.panels().size()),
+                ordering.name,       compact ? "compact" : "cholmod"};
+  first_panel = last > 0 ? panels.panelOf(pattern.size - last) : 0;
+  trailing = MatX::Zero(3 * last, 3 * last);
+  active.assign(panels.panels().size(), 0);
+  work.assign(static_cast<std::size_t>(3 * pattern.size) * 16, 0.0);
+  factor = nullptr;
+  if (compact) panels.planUpdates();
+  buildDestinations(pattern);
+  panel_values.assign(panels.valueCount() + PanelFactor::kPadding, 0.0);
+  permuted_values.assign(compact ? 0 : permuted_row.size(), 0.0);
+  permuted.x = permuted_values.data();
+  permuted.xtype = compact ? CHOLMOD_PATTERN : CHOLMOD_REAL;
 }
 
 bool SparseCholesky::factorize(const SymmetricBlockMatrix& values) {

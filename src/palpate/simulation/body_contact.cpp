@@ -114,7 +114,7 @@ double BodySystem::contactOperations(const BodyContactRows& rows) const {
 }
 
 double BodySystem::rowOperations(double changed, double rows) const {
-  const double last = 3.0 * static_cast<double>(last_nodes_.size());
+  const double last = 3.0 * static_cast<double>(order_.last_nodes.size());
   return kDense * changed * last * (last + rows);
 }
 
@@ -126,7 +126,7 @@ void BodySystem::formDelassus(BodyContactRows& rows) {
   } else if (!nodes_last_) {
     factor_.gram(columns_, rows.delassus);
   } else {
-    half_.setZero(static_cast<Eigen::Index>(3 * last_nodes_.size()), count);
+    half_.setZero(static_cast<Eigen::Index>(3 * order_.last_nodes.size()), count);
     for (Eigen::Index c = 0; c < columns_.size(); ++c) {
       for (int k = columns_.begin[c]; k < columns_.begin[c + 1]; ++k) {
         half_.block<3, 3>(3 * trailing_[model_->free()[columns_.node[k]]], 3 * c) += columns_.block[k];
@@ -230,9 +230,10 @@ void BodySystem::applyImpulse(const std::vector<Contact>& contacts, const BodyCo
   u_end_ = u_free_;
   if (!addImpulses(contacts, rows, self, lambda, on_handle_)) return;
   if (!model_->free().empty() && nodes_last_) {
-    on_trailing_.resize(static_cast<Eigen::Index>(3 * last_nodes_.size()));
-    for (std::size_t k = 0; k < last_nodes_.size(); ++k) {
-      on_trailing_.segment<3>(static_cast<Eigen::Index>(3 * k)) = prediction_.block<3, 1>(3 * row(last_nodes_[k]), 0);
+    on_trailing_.resize(static_cast<Eigen::Index>(3 * order_.last_nodes.size()));
+    for (std::size_t k = 0; k < order_.last_nodes.size(); ++k) {
+      on_trailing_.segment<3>(static_cast<Eigen::Index>(3 * k)) =
+          prediction_.block<3, 1>(3 * row(order_.last_nodes[k]), 0);
     }
     impulse_response_.resize(v_free_.size());
     if (turned_) turnVectors(turn_.transpose(), on_trailing_);

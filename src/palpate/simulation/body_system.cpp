@@ -388,7 +388,7 @@ void BodySystem::appendContactNodes(const std::vector<int>& nodes) {
 }
 
 bool BodySystem::isAnalyzed(const FactorOrder& order) const {
-  return analyzed_ && last_nodes_ == order.last_nodes && sought_ == order.sought;
+  return order_.chosen && order_.last_nodes == order.last_nodes && order_.sought == order.sought;
 }
 
 // Symbolic analysis of A_tt.
@@ -400,8 +400,7 @@ void BodySystem::analyze(const FactorOrder& order) {
     assembleMatrix(input_.step, state_->elastic);
   }
   const std::vector<int>& nodes = order.last_nodes;
-  last_nodes_ = nodes;
-  sought_ = order.sought;
+  order_ = order;
   std::fill(trailing_.begin(), trailing_.end(), -1);
   std::vector<int> rows;
   rows.reserve(nodes.size());
@@ -416,14 +415,12 @@ void BodySystem::analyze(const FactorOrder& order) {
     // operations of the factor and of W for a contact on each node, either way
     const double dense = 3.0 * static_cast<double>(rows.size());
     const double last = factor_.statistics().flops + 2.0 * dense * dense * dense;
-    if (!spare_analyzed_) spare_.analyze(a_);
-    spare_analyzed_ = true;
+    if (spare_.statistics().dof == 0) spare_.analyze(a_);
     if (spare_.statistics().flops + spare_.gramOperations(rows) < last) {
       std::swap(factor_, spare_);
       nodes_last_ = false;
     }
   }
-  analyzed_ = true;
   ++analyses_;
 }
 

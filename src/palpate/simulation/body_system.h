@@ -199,8 +199,7 @@ class BodySystem {
   const VecX& endVelocity() const { return v_end_; }        ///< free nodes, 3 free
   const Vec6& endTwist() const { return u_end_; }
   SparseCholesky& factor() { return factor_; }
-  const SymmetricBlockMatrix& matrix() const { return a_; }             ///< A_tt
-  const std::vector<int>& contactNodes() const { return last_nodes_; }  ///< ordered last, or for which none is
+  const SymmetricBlockMatrix& matrix() const { return a_; }  ///< A_tt
   std::size_t analyses() const { return analyses_; }
 
  private:
@@ -259,13 +258,10 @@ class BodySystem {
   SymmetricBlockMatrix a_;
   SparseCholesky factor_;
   SparseCholesky spare_;  // the one with no nodes last, once it was asked for, or that with them
-  bool spare_analyzed_ = false;
-  bool analyzed_ = false;
   std::size_t analyses_ = 0;
-  std::vector<int> last_nodes_;  // that the factor was analyzed for
-  int sought_ = 0;               // FactorOrder::sought of that
-  std::vector<int> trailing_;    // node -> index among last_nodes_, -1
-  bool nodes_last_ = true;       // they are; else they were too many, and the order suits contact anywhere
+  FactorOrder order_;          // that the factor was analyzed for; not chosen: none
+  std::vector<int> trailing_;  // node -> index among order_.last_nodes, -1
+  bool nodes_last_ = true;     // they are; else they were too many, and the order suits contact anywhere
   std::vector<char> seen_;
   MatX a_th_, x_th_, rhs_, solution_, prediction_;
   Eigen::Matrix<double, 4, Eigen::Dynamic> pulled_;  // K G by threes of rows, six columns each, fourth entry idle
