@@ -79,17 +79,18 @@ def main():
         return 0
     failures, skipped = 0, 0
     for name in options.cases or CASES:
-        for left in reversed(range(TRIES)):
-            result, stall = outcome(name, options)
-            again = left > 0 and isinstance(result, str) and stall > STALL
-            if isinstance(result, Skip):
-                skipped += 1
-                print(f"{name}: skipped: {result}", file=sys.stderr)
-            elif result is not None:
-                failures += not again
-                print(f"{name}: {result}" + f" (the machine stood for {stall:.3f} s: once more)" * again, file=sys.stderr)
-            if not again:
+        result, stall = outcome(name, options)
+        for _ in range(TRIES - 1):
+            if not isinstance(result, str) or stall <= STALL:
                 break
+            print(f"{name}: {result} (the machine stood for {stall:.3f} s: once more)", file=sys.stderr)
+            result, stall = outcome(name, options)
+        if isinstance(result, Skip):
+            skipped += 1
+            print(f"{name}: skipped: {result}", file=sys.stderr)
+        elif result is not None:
+            failures += 1
+            print(f"{name}: {result}", file=sys.stderr)
     return 1 if failures else SKIPPED if skipped == len(options.cases) > 0 else 0
 
 

@@ -388,7 +388,7 @@ void BodySystem::appendContactNodes(const std::vector<int>& nodes) {
 }
 
 bool BodySystem::isAnalyzed(const FactorOrder& order) const {
-  return order_.chosen && order_.last_nodes == order.last_nodes && order_.sought == order.sought;
+  return analyses_ > 0 && order_.last_nodes == order.last_nodes && order_.sought == order.sought;
 }
 
 // Symbolic analysis of A_tt.

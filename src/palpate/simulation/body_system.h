@@ -259,7 +259,7 @@ class BodySystem {
   SparseCholesky factor_;
   SparseCholesky spare_;  // the one with no nodes last, once it was asked for, or that with them
   std::size_t analyses_ = 0;
-  FactorOrder order_;          // that the factor was analyzed for; not chosen: none
+  FactorOrder order_;          // that the factor was last analyzed for
   std::vector<int> trailing_;  // node -> index among order_.last_nodes, -1
   bool nodes_last_ = true;     // they are; else they were too many, and the order suits contact anywhere
   std::vector<char> seen_;
