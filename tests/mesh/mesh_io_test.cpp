@@ -7,6 +7,7 @@
 #include <fstream>
 
 #include "palpate/common/error.h"
+#include "palpate/mesh/mesh_quality.h"
 #include "palpate/mesh/shapes.h"
 #include "palpate/mesh/surface_io.h"
 #include "palpate/mesh/surface_repair.h"
