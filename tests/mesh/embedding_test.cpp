@@ -86,9 +86,34 @@ TEST(EmbedSurface, AlienHasItsCountMassAndCenter) {
   EXPECT_NEAR(report.mesh_volume / report.surface_volume, 1, 1e-9);
   EXPECT_NEAR(report.sampled_volume / report.surface_volume, 1, 0.01);
   EXPECT_LT(report.center_error, 1e-9);
-  EXPECT_GT(report.smallest_fill, 0.02);
   EXPECT_GT(report.smallest_weight, -0.35);
   EXPECT_NEAR(report.smallest_dihedral_deg, 60, 1e-6);
+}
+
+// Where a surface leaves its tetrahedra, two of them say different things of one place, and it passes through itself.
+TEST(EmbedSurface, LittleOfTheSurfaceLeavesItsTetrahedraAndNoNodeIsSoft) {
+  for (int target : {150, 288, 1000}) {
+    EmbedOptions options;
+    options.target_tetrahedra = target;
+    EmbedReport report;
+    const SimulationMesh m = embedSurface(alien().surface, options, &report);
+    EXPECT_LT(report.vertices_outside, 0.05 * static_cast<double>(m.surface.vertices.size())) << target;
+    EXPECT_GT(report.smallest_weight, -0.15) << target;
+    EXPECT_GT(report.softest_node, 0.03) << target;
+  }
+}
+
+// By what is there where all is thin, by a fifth where the next tetrahedron is full.
+TEST(ResistingShares, HoldWhatIsNextToEmptyAndLeaveWhatIsThin) {
+  SimulationMesh two;
+  two.mesh.nodes = {Vec3(0, 0, 0), Vec3(1, 0, 0), Vec3(0, 1, 0), Vec3(0, 0, 1), Vec3(1, 1, 1)};
+  two.mesh.tetrahedra = {{0, 1, 2, 3}, {1, 2, 3, 4}};
+  two.fill = {1, 0.01};
+  EXPECT_EQ(resistingShares(two), (std::vector<double>{1, 0.2}));
+  two.fill = {0.5, 0.3};
+  EXPECT_EQ(resistingShares(two), two.fill);
+  two.fill = {0.04, 0.01};
+  EXPECT_EQ(resistingShares(two), two.fill);
 }
 
 TEST(EmbedSurface, AlienLimbsShareNoTetrahedron) {
@@ -284,13 +309,16 @@ TEST(EmbedSurface, ANeedleThatLiesAskewIsMeshedAsOneAlongAnAxis) {
   for (Vec3& x : askew.vertices) x = turn * x;
   EmbedOptions options;
   options.target_tetrahedra = 3000;
+  std::vector<double> cells;
   for (const Surface& needle : {straight, askew}) {
     EmbedReport report;
     embedSurface(needle, options, &report);
     EXPECT_NEAR(report.tetrahedra, 3000, 600);
     EXPECT_EQ(report.components, 1);
-    EXPECT_LT(report.cell_size, 0.006);
+    cells.push_back(report.cell_size);
   }
+  EXPECT_LT(cells[0], 0.008);  // of a needle of 1 m: some 24 tetrahedra a cell of length
+  EXPECT_NEAR(cells[1] / cells[0], 1, 0.1);
 }
 
 std::string message(const Surface& s, const EmbedOptions& options) {

@@ -11,6 +11,7 @@
 #include "palpate/common/parallel.h"
 #include "palpate/fem/polar.h"
 #include "palpate/math/rotation.h"
+#include "palpate/mesh/mesh_quality.h"
 
 namespace palpate {
 namespace {
@@ -40,7 +41,7 @@ Mat3 restEdges(const SimulationMesh& mesh, int index) {
   return edges;
 }
 
-ElasticElement makeElement(const SimulationMesh& mesh, int index, const ElementMaterial& material) {
+ElasticElement makeElement(const SimulationMesh& mesh, int index, double share, const ElementMaterial& material) {
   ElasticElement e;
   e.node = mesh.mesh.tetrahedra[index];
   const Mat3 edges = restEdges(mesh, index);
@@ -52,7 +53,7 @@ ElasticElement makeElement(const SimulationMesh& mesh, int index, const ElementM
   for (int k = 0; k < 3; ++k) e.gradient[k + 1] = inverse.row(k).transpose();
   e.gradient[0] = -(e.gradient[1] + e.gradient[2] + e.gradient[3]);
   const double nu = material.poisson_ratio;
-  const double filled = volume * mesh.fill[index];
+  const double filled = volume * share;
   e.lambda = filled * material.youngs_modulus * nu / ((1 + nu) * (1 - 2 * nu));
   e.mu = filled * material.youngs_modulus / (2 * (1 + nu));
   return e;
@@ -132,10 +133,11 @@ ElasticMesh::ElasticMesh(const SimulationMesh& mesh, const Material& material,
   checkDamping(material);
   mass_ = VecX::Zero(static_cast<Eigen::Index>(mesh.mesh.nodes.size()));
   elements_.reserve(count);
+  const std::vector<double> shares = resistingShares(mesh);
   for (int i = 0; i < static_cast<int>(count); ++i) {
     const ElementMaterial& own = per_element.empty() ? uniform : per_element[i];
     if (!per_element.empty()) checkElementMaterial(own);
-    elements_.push_back(makeElement(mesh, i, own));
+    elements_.push_back(makeElement(mesh, i, shares[i], own));
     const ElasticElement& e = elements_.back();
     const double volume = restEdges(mesh, i).determinant() / 6.0;
     for (int k = 0; k < 4; ++k) mass_[e.node[k]] += own.density * volume * mesh.share[i][k];

@@ -363,8 +363,10 @@ double overlapShare(const Trial& trial, const InsideField& field) {
   return points > 0 ? held / points - 1 : 0;
 }
 
-/// Stiffness of the node that is held least, of the median's. Of unit shear modulus: volume |gradient|^2, filled part.
+/// Stiffness of the node that is held least, of the median's. Of unit shear modulus: volume |gradient|^2, the part that
+/// resists.
 double softestNode(const SimulationMesh& mesh) {
+  const std::vector<double> shares = resistingShares(mesh);
   std::vector<double> stiffness(mesh.mesh.nodes.size(), 0);
   for (size_t t = 0; t < mesh.fill.size(); ++t) {
     const auto& corner = mesh.mesh.tetrahedra[t];
@@ -374,7 +376,7 @@ double softestNode(const SimulationMesh& mesh) {
       const Vec3& b = mesh.mesh.nodes[static_cast<size_t>(corner[(k + 2) % 4])];
       const Vec3& c = mesh.mesh.nodes[static_cast<size_t>(corner[(k + 3) % 4])];
       const double gradient = (b - a).cross(c - a).norm() / (6 * volume);
-      stiffness[static_cast<size_t>(corner[k])] += mesh.fill[t] * volume * gradient * gradient;
+      stiffness[static_cast<size_t>(corner[k])] += shares[t] * volume * gradient * gradient;
     }
   }
   const double least = *std::min_element(stiffness.begin(), stiffness.end());

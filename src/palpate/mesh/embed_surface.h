@@ -13,8 +13,9 @@ struct EmbedOptions {
   int target_tetrahedra = 300;
   double cell_size = 0;           ///< [m]; if positive, this cell size is used and the target ignored
   double count_tolerance = 0.02;  ///< the search stops when the count is this close, relative
-  double smallest_fill =
-      0.05;  ///< pieces that fill less than this of their tetrahedron go to a neighbor if that is sound
+  /// Pieces that fill less than this of their tetrahedron go to a neighbor if they have a node of their own and that is
+  /// sound. The surface in them then leaves its tetrahedron, and what two hosts say of it differs where they meet.
+  double smallest_fill = 0.02;
   /// Tell separate pieces of the solid in one lattice tetrahedron apart (Molino et al. 2004). Without, limbs that share
   /// a lattice tetrahedron are fused; kept for comparison.
   bool virtual_nodes = true;
@@ -47,7 +48,7 @@ struct EmbedReport {
   double smallest_fill = 0;
   double smallest_dihedral_deg = 0;
   double worst_radius_ratio = 0;  ///< 3 inradius / circumradius, 1 is regular
-  /// Stiffness of the node that is held least, of the median node's (diagonal of the stiffness, fill counted): a
+  /// Stiffness of the node that is held least, of the median node's (diagonal of the stiffness, by what resists): a
   /// contact there gives way by its inverse. The lattice's elements are all alike; what varies is how far they are
   /// filled.
   double softest_node = 0;

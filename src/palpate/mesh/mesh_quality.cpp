@@ -34,6 +34,21 @@ double tetrahedronVolume(const TetrahedralMesh& mesh, const std::array<int, 4>& 
          6;
 }
 
+std::vector<double> resistingShares(const SimulationMesh& mesh) {
+  constexpr double kLeast = 0.2;
+  std::vector<double> fullest(mesh.mesh.nodes.size(), 0);
+  for (size_t t = 0; t < mesh.fill.size(); ++t) {
+    for (int n : mesh.mesh.tetrahedra[t]) {
+      double& at = fullest[static_cast<size_t>(n)];
+      at = std::max(at, mesh.fill[t]);
+    }
+  }
+  std::vector<double> shares = mesh.fill;
+  for (size_t t = 0; t < shares.size(); ++t)
+    for (int n : mesh.mesh.tetrahedra[t]) shares[t] = std::max(shares[t], kLeast * fullest[static_cast<size_t>(n)]);
+  return shares;
+}
+
 bool isTurnedOver(const std::array<int, 4>& t, const VecX& positions) {
   const auto at = [&](size_t k) { return positions.segment<3>(3 * t[k]); };
   const Vec3 u = at(1) - at(0), v = at(2) - at(0), w = at(3) - at(0);

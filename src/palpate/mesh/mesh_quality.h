@@ -1,5 +1,7 @@
 #pragma once
 
+#include <vector>
+
 #include "palpate/mesh/types.h"
 
 namespace palpate {
@@ -24,6 +26,10 @@ TriangleQuality measureQuality(const Surface& surface);
 
 /// Volume of a tetrahedron of the mesh [m^3], signed.
 double tetrahedronVolume(const TetrahedralMesh& mesh, const std::array<int, 4>& tetrahedron);
+/// Share of each tetrahedron's volume by which it resists: its fill, at least a fifth of what the fullest tetrahedron
+/// at one of its nodes has. What is next to empty then holds the surface in it, and a node of its own; where all are
+/// filled by little, as in a needle that is thinner than the lattice, they resist by what is there.
+std::vector<double> resistingShares(const SimulationMesh& mesh);
 /// Not of positive volume, or not finite, with its nodes at these positions, x y z of each [m].
 bool isTurnedOver(const std::array<int, 4>& tetrahedron, const VecX& positions);
 

@@ -136,8 +136,18 @@ bool PieceMesh::reaches(int piece, const std::vector<int>& others, int faces, in
 
 bool PieceMesh::connectedNear(int piece, int other, int faces) const { return reaches(piece, {other}, faces, -1); }
 
+std::unordered_set<int> PieceMesh::nodesOfPieces(double least_samples) {
+  std::unordered_set<int> nodes;
+  for (int p = 0; p < static_cast<int>(host_.size()); ++p) {
+    if (!isKept(p) || solid_.pieces[static_cast<size_t>(p)].samples < least_samples) continue;
+    for (int k = 0; k < 4; ++k) nodes.insert(nodeClass(p, k));
+  }
+  return nodes;
+}
+
 void PieceMesh::mergeSlivers(double smallest_fill) {
   const double limit = smallest_fill * cut_.count();
+  const std::unordered_set<int> held = nodesOfPieces(limit);
   std::vector<int> small;
   for (int p = 0; p < static_cast<int>(host_.size()); ++p)
     if (isKept(p) && solid_.pieces[static_cast<size_t>(p)].samples < limit) small.push_back(p);
@@ -147,6 +157,9 @@ void PieceMesh::mergeSlivers(double smallest_fill) {
   for (int p : small) {
     throwIfCancelled();
     if (!isKept(p) || solid_.pieces[static_cast<size_t>(p)].samples >= limit) continue;
+    bool adds_node = false;
+    for (int k = 0; k < 4; ++k) adds_node = adds_node || held.count(nodeClass(p, k)) == 0;
+    if (!adds_node) continue;
     merged_slivers_ += giveAway(p);
   }
 }

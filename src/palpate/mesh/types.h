@@ -29,7 +29,8 @@ struct EmbeddedPoint {
 /// What the simulation needs of a body: a coarse tetrahedral mesh with a fine surface embedded in it.
 struct SimulationMesh {
   TetrahedralMesh mesh;
-  /// Fraction of each tetrahedron that lies inside the surface, in (0, 1]; scales mass and stiffness.
+  /// Fraction of each tetrahedron that lies inside the surface, in (0, 1]; scales mass and, see resistingShares(),
+  /// stiffness.
   std::vector<double> fill;
   /// Integral of node k's shape function over the filled part, divided by the tetrahedron's volume: >= 0, sums to fill.
   /// density * volume * share[k] is the mass that tetrahedron gives its k-th node, so total mass is density times the

@@ -8,6 +8,7 @@
 #include "palpate/contact/obstacle.h"
 #include "palpate/fem/stress.h"
 #include "palpate/haptics/coupling.h"
+#include "palpate/mesh/mesh_quality.h"
 #include "palpate/protocol/byte_writer.h"
 #include "palpate/protocol/layout.h"
 #include "palpate/scene/checks.h"
@@ -211,12 +212,9 @@ std::string geometryMessage(const World& world, std::uint32_t generation) {
 StateReader::StateReader(const World& world) {
   for (int i = 0; i < world.bodies(); ++i) {
     const SimulationMesh& m = world.body(i).model.mesh();
-    std::vector<double> filled;
+    std::vector<double> filled = resistingShares(m);
     for (std::size_t t = 0; t < m.mesh.tetrahedra.size(); ++t) {
-      const auto& n = m.mesh.tetrahedra[t];
-      const Vec3& o = m.mesh.nodes[n[0]];
-      const double volume = (m.mesh.nodes[n[1]] - o).cross(m.mesh.nodes[n[2]] - o).dot(m.mesh.nodes[n[3]] - o) / 6.0;
-      filled.push_back(volume * m.fill[t]);
+      filled[t] *= tetrahedronVolume(m.mesh, m.mesh.tetrahedra[t]);
     }
     filled_.push_back(std::move(filled));
   }
