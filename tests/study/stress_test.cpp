@@ -345,6 +345,38 @@ tool:
   EXPECT_TRUE(outcome.rides[0].came_back) << outcome.rides[0].handle_off;
 }
 
+// A tool without damping that touches nothing: it swings for long, but hangs nowhere.
+TEST(StressRide, AToolThatStillSwingsHasComeBackWhereItWouldRestAsBefore) {
+  const SceneConfig config = readSceneFromString(R"(
+palpate: 1
+name: swings
+method: hsl
+tool:
+  shape: {bar: {size: [0.02, 0.02, 0.1], cells: [1, 1, 5]}}
+  material: {youngs_modulus: 1.0e4, damping_alpha: 0, damping_beta: 0}
+  handles:
+    top: {region: {halfspace: {point: [0, 0, 0.0999], normal: [0, 0, 1]}}}
+)",
+                                                 "swings");
+  for (const bool with_static : {false, true}) {
+    BuiltScene scene = buildScene(config);
+    StressSettings settings;
+    settings.timing = timingOf(config);
+    settings.timing.visual_step = 0.002;  // longer steps damp by themselves
+    settings.riding = true;
+    settings.rides = 1;
+    settings.motion.ride = 1;
+    settings.motion.home = 1;
+    settings.solve_static = with_static;
+    const StressOutcome outcome = runStress(scene, settings);
+    ASSERT_EQ(outcome.rides.size(), 1u);
+    EXPECT_GT(outcome.rides[0].energy_off, 1e-4);
+    EXPECT_LT(outcome.rides[0].handle_off, 5e-4);
+    EXPECT_EQ(outcome.rides[0].judge, with_static ? RideJudge::swings : RideJudge::reference);
+    EXPECT_EQ(outcome.rides[0].came_back, with_static);
+  }
+}
+
 // A tool so soft that the hand turns tetrahedra over: nothing must keep them so. Each of these rides
 // once ended in a tangle.
 TEST(StressRide, ASoftToolThatIsHeldLeavesNoTetrahedraTurnedOver) {

@@ -118,23 +118,25 @@ void SurfacePairFinder::testClusters(PairSearch& s, NodePair leaves, Workspace& 
       if ((!same || p.triangle < q.triangle) && s.meetClosely(p.box, q.box)) testTriangles(s, p, q);
 }
 
-// By how much planes square to the first triangle at its start keep the two apart at the start and at the end, hence
-// throughout; below zero if they do not.
-float SurfacePairFinder::gapAlongNormal(const CollisionSurface& sp, const std::array<int, 3>& p,
+// By how much planes square to the first triangle at its start keep the two apart at both ends of the present piece of
+// time, hence throughout; below zero if they do not.
+float SurfacePairFinder::gapAlongNormal(const PairSearch& s, const CollisionSurface& sp, const std::array<int, 3>& p,
                                         const CollisionSurface& sq, const std::array<int, 3>& q) {
   using Vec3f = Eigen::Vector3f;
-  const auto start = [](const CollisionSurface& s, int v) -> Vec3f { return s.roundedStart(v).head<3>(); };
-  const auto end = [](const CollisionSurface& s, int v) -> Vec3f { return s.roundedEnd(v).head<3>(); };
+  const auto start = [](const CollisionSurface& of, int v) -> Vec3f { return of.roundedStart(v).head<3>(); };
+  const auto end = [](const CollisionSurface& of, int v) -> Vec3f { return of.roundedEnd(v).head<3>(); };
   const Vec3f origin = start(sp, p[0]);
   const Vec3f normal = (start(sp, p[1]) - origin).cross(start(sp, p[2]) - origin);
-  float p_low = 0, p_high = 0, q_low = std::numeric_limits<float>::infinity(), q_high = -q_low;  // start of p: all 0
+  const auto from = static_cast<float>(s.from), to = static_cast<float>(s.to);
+  constexpr float kFar = std::numeric_limits<float>::infinity();
+  float p_low = kFar, p_high = -kFar, q_low = kFar, q_high = -kFar;
   for (size_t i = 0; i < 3; ++i) {
-    const float pe = normal.dot(end(sp, p[i]) - origin);
-    p_low = std::min(p_low, pe);
-    p_high = std::max(p_high, pe);
-    const float qs = normal.dot(start(sq, q[i]) - origin), qe = normal.dot(end(sq, q[i]) - origin);
-    q_low = std::min(q_low, std::min(qs, qe));
-    q_high = std::max(q_high, std::max(qs, qe));
+    const float pe = normal.dot(end(sp, p[i]) - origin);  // start: 0
+    p_low = std::min(p_low, std::min(from * pe, to * pe));
+    p_high = std::max(p_high, std::max(from * pe, to * pe));
+    const float qs = normal.dot(start(sq, q[i]) - origin), way = normal.dot(end(sq, q[i]) - origin) - qs;
+    q_low = std::min(q_low, std::min(qs + from * way, qs + to * way));
+    q_high = std::max(q_high, std::max(qs + from * way, qs + to * way));
   }
   constexpr float kShortest = 1e-15f;  // square meters; squares of shorter ones run out of single precision's exponents
   const float length = normal.norm();
@@ -145,8 +147,8 @@ void SurfacePairFinder::testTriangles(PairSearch& s, const Local& a, const Local
   const int ta = a.triangle, tb = b.triangle;
   const auto &va = s.a.triangles()[static_cast<size_t>(ta)], &vb = s.b.triangles()[static_cast<size_t>(tb)];
   const auto &ea = s.a.triangleEdges()[static_cast<size_t>(ta)], &eb = s.b.triangleEdges()[static_cast<size_t>(tb)];
-  float apart = gapAlongNormal(s.a, va, s.b, vb);
-  if (!(apart > s.box_reach)) apart = gapAlongNormal(s.b, vb, s.a, va);
+  float apart = gapAlongNormal(s, s.a, va, s.b, vb);
+  if (!(apart > s.box_reach)) apart = gapAlongNormal(s, s.b, vb, s.a, va);
   if (apart > s.box_reach) {
     s.clearance = std::min(s.clearance, apart);
     return;

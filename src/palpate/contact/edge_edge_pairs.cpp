@@ -68,18 +68,19 @@ struct EdgeEdge {
     return Vec3((1 - p.s) * s.a.position(a[0], t) + p.s * s.a.position(a[1], t) - (1 - p.t) * s.b.position(b[0], t) -
                 p.t * s.b.position(b[1], t));
   }
-  // A plane square to the shortest line at the start keeps them farther apart than the reach, on the whole way.
+  // A plane square to the shortest line at the start keeps them farther apart than the reach, on the way to the end of
+  // the present piece of time.
   bool apart(const SegmentPair& q) const {
     if (!(q.distance > s.reach)) return false;
     const Vec3 n = line(q, 0);
-    const double gap_start = std::min(n.dot(at(s.a.start, a[0])), n.dot(at(s.a.start, a[1]))) -
-                             std::max(n.dot(at(s.b.start, b[0])), n.dot(at(s.b.start, b[1])));
-    const double gap_end = std::min(n.dot(at(s.a.end, a[0])), n.dot(at(s.a.end, a[1]))) -
-                           std::max(n.dot(at(s.b.end, b[0])), n.dot(at(s.b.end, b[1])));
-    return std::min(gap_start, gap_end) > kClear * s.reach * q.distance;
+    const auto gap = [&](double t) {
+      return std::min(n.dot(s.a.position(a[0], t)), n.dot(s.a.position(a[1], t))) -
+             std::max(n.dot(s.b.position(b[0], t)), n.dot(s.b.position(b[1], t)));
+    };
+    return std::min(gap(0), gap(s.to)) > kClear * s.reach * q.distance;
   }
   Vec3 normal(const SegmentPair& p, double t) const;
-  Approach impact(const SegmentPair& q, double travel) const;
+  Approach impact(const SegmentPair& q, double travel, double until) const;
   bool chooseTime(const SegmentPair& at_end, SegmentPair& q, FeaturePair& pair) const;
   void describe(const SegmentPair& q, FeaturePair& pair) const;
 
@@ -104,16 +105,17 @@ Vec3 EdgeEdge::normal(const SegmentPair& p, double t) const {
   return unitOr(line(p, t), Vec3::UnitZ());
 }
 
-// When the edges hit each other, if they do; q: closest points at the start. Edges that touch at the start hit unless
-// the end is clear.
-Approach EdgeEdge::impact(const SegmentPair& q, double travel) const {
+// When the edges hit each other, if they do by then; q: closest points at the start. Edges that touch at the start hit
+// unless the end is clear.
+Approach EdgeEdge::impact(const SegmentPair& q, double travel, double until) const {
   if (touching(q.distance, at(s.a.start, a[0])))
     return touchingNormal(0).dot(line(q, 1)) > 0 ? Approach{1, false} : Approach{0, true};
   const double least = s.hitDistance(q.distance);
   if (!(q.distance - travel < least)) return {1, false};
-  return timeOfApproach(
-      FeatureKind::edge_edge, {at(s.a.start, a[0]), at(s.a.start, a[1]), at(s.b.start, b[0]), at(s.b.start, b[1])},
-      {at(s.a.end, a[0]), at(s.a.end, a[1]), at(s.b.end, b[0]), at(s.b.end, b[1])}, least, s.settings.max_iterations);
+  return timeOfApproach(FeatureKind::edge_edge,
+                        {at(s.a.start, a[0]), at(s.a.start, a[1]), at(s.b.start, b[0]), at(s.b.start, b[1])},
+                        {at(s.a.end, a[0]), at(s.a.end, a[1]), at(s.b.end, b[0]), at(s.b.end, b[1])}, least,
+                        s.settings.max_iterations, until);
 }
 
 // Worth a contact of its own at time t, which is not an impact.
@@ -185,11 +187,12 @@ void testEdgeEdge(PairSearch& s, int edge_a, int edge_b) {
   if (q.distance < s.reach && s.from > 0) return;
   if (edges.apart(q)) return;
   const double travel = edges.travel();
-  if (q.distance - travel > s.reach) return;
+  if (q.distance - s.to * travel > s.reach) return;
 
   FeaturePair pair;
   pair.start_distance = q.distance;
-  const Approach impact = edges.impact(q, travel);
+  const Approach impact = edges.impact(q, travel, s.horizon(q.distance));
+  if (!impact.reached && s.onlyHits(q.distance)) return;
   pair.hit = impact.reached;
   pair.toi = pair.hit ? impact.time : 1;
   const SegmentPair at_end = edges.closest(1);

@@ -79,7 +79,7 @@ SegmentPair closestOnSegments(const Vec3& a0, const Vec3& a1, const Vec3& b0, co
 }
 
 Approach timeOfApproach(FeatureKind kind, const std::array<Vec3, 4>& start, const std::array<Vec3, 4>& end,
-                        double min_distance, int max_iterations) {
+                        double min_distance, int max_iterations, double until) {
   // relative to the first point, so that a common motion neither counts nor costs digits
   std::array<Vec3, 4> x, v;
   for (size_t i = 0; i < 4; ++i) {
@@ -122,8 +122,8 @@ Approach timeOfApproach(FeatureKind kind, const std::array<Vec3, 4>& start, cons
       }
     // rounding can spoil the plane where features nearly touch; the distance over the largest speed is left then
     if (!(step > 0)) step = (distance - aim) / speed;
-    if (t + step >= 1) return {1, false};
     t += step;
+    if (t >= 1 || t > until) return {1, false};
   }
   return {t, true};
 }

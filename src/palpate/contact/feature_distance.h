@@ -42,7 +42,8 @@ struct Approach {
 /// Kaufman, Jiang 2021, "Codimensional incremental potential contact"), which divides by the largest speed.
 /// @param start, end    the four points at time 0 and 1 [m]
 /// @param min_distance  below the distance at the start; else the result is {0, true} [m]
+/// @param until         what comes later than this does not matter, and is not reached
 Approach timeOfApproach(FeatureKind kind, const std::array<Vec3, 4>& start, const std::array<Vec3, 4>& end,
-                        double min_distance, int max_iterations = 64);
+                        double min_distance, int max_iterations = 64, double until = 1);
 
 }  // namespace palpate

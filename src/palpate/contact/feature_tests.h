@@ -41,13 +41,14 @@ struct VertexFaces {
   TrianglePoint closest(int v, int face, double t) const;
   /// Bound of how far the vertex moves relative to any point of the face.
   double travel(int v, int face) const;
-  /// A plane square to the shortest line at the start keeps them farther apart than the reach, on the whole way.
+  /// A plane square to the shortest line at the start keeps them farther apart than the reach, on the way to the end of
+  /// the present piece of time.
   bool apart(int v, int face, const TrianglePoint& q) const;
   Vec3 faceNormal(int face) const { return unitOr(sf.areaNormal(face, 0), Vec3::UnitZ()); }
-  /// When the vertex hits the face, if it does.
+  /// When the vertex hits the face, if it does by then.
   /// @param q  closest point at the start
-  Approach impact(int v, int face, const TrianglePoint& q, double travel) const;
-  Approach impact(int v, int face) const;
+  Approach impact(int v, int face, const TrianglePoint& q, double travel, double until) const;
+  Approach impact(int v, int face, double until = 1) const;
   /// Sets the time at which the pair is described, and q, from the closest point at the start to that then; false if
   /// other pairs say the same.
   bool chooseTime(int v, int face, const TrianglePoint& at_end, TrianglePoint& q, FeaturePair& pair) const;

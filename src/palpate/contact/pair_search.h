@@ -61,6 +61,10 @@ struct PairSearch {
   bool meetInTime(const MovingBox& p, const MovingBox& q) const;
   /// Distance at which a path counts as a hit [m].
   double hitDistance(double start_distance) const { return settings.hit_fraction * std::min(start_distance, reach); }
+  /// Of what starts so far apart only a hit in the present piece of time is to be reported now.
+  bool onlyHits(double start_distance) const { return to < 1 && !(start_distance < reach); }
+  /// Until when a hit matters.
+  double horizon(double start_distance) const { return onlyHits(start_distance) ? to : 1; }
   /// Whether a pair is to be reported now: near the start in the first piece, near the end in the last, hits in theirs.
   bool wanted(const FeaturePair& pair) const {
     if (pair.start_distance < reach) return from <= 0;

@@ -84,8 +84,8 @@ class SurfacePairFinder {
   void makeTriangleBoxes(const PairSearch& s);
   void shareRoom();
   void testClusters(PairSearch& s, NodePair leaves, Workspace& workspace);
-  static float gapAlongNormal(const CollisionSurface& sp, const std::array<int, 3>& p, const CollisionSurface& sq,
-                              const std::array<int, 3>& q);
+  static float gapAlongNormal(const PairSearch& s, const CollisionSurface& sp, const std::array<int, 3>& p,
+                              const CollisionSurface& sq, const std::array<int, 3>& q);
   void testTriangles(PairSearch& s, const Local& a, const Local& b);
 
   static constexpr int kMostParts = 64;

@@ -31,10 +31,11 @@ bool VertexFaces::apart(int v, int face, const TrianglePoint& q) const {
   const auto& f = sf.triangles()[static_cast<size_t>(face)];
   Vec3 n = at(sv.start, v);
   for (size_t i = 0; i < 3; ++i) n -= q.weight[i] * at(sf.start, f[i]);
-  const auto gap = [&](const std::vector<Vec3>& xv, const std::vector<Vec3>& xf) {
-    return n.dot(at(xv, v)) - std::max({n.dot(at(xf, f[0])), n.dot(at(xf, f[1])), n.dot(at(xf, f[2]))});
+  const auto gap = [&](double t) {
+    return n.dot(sv.position(v, t)) -
+           std::max({n.dot(sf.position(f[0], t)), n.dot(sf.position(f[1], t)), n.dot(sf.position(f[2], t))});
   };
-  return std::min(gap(sv.start, sf.start), gap(sv.end, sf.end)) > kClear * s.reach * q.distance;
+  return std::min(gap(0), gap(s.to)) > kClear * s.reach * q.distance;
 }
 
 // Touching at the start: a hit unless the end is clear of the face's plane.
@@ -46,17 +47,19 @@ Approach VertexFaces::leaving(int v, int face, const TrianglePoint& q) const {
   return end_gap > 0 ? Approach{1, false} : Approach{0, true};
 }
 
-Approach VertexFaces::impact(int v, int face, const TrianglePoint& q, double travel) const {
+Approach VertexFaces::impact(int v, int face, const TrianglePoint& q, double travel, double until) const {
   if (touching(q.distance, at(sv.start, v))) return leaving(v, face, q);
   const double least = s.hitDistance(q.distance);
   if (!(q.distance - travel < least)) return {1, false};
   const auto& f = sf.triangles()[static_cast<size_t>(face)];
   return timeOfApproach(
       FeatureKind::vertex_face, {at(sv.start, v), at(sf.start, f[0]), at(sf.start, f[1]), at(sf.start, f[2])},
-      {at(sv.end, v), at(sf.end, f[0]), at(sf.end, f[1]), at(sf.end, f[2])}, least, s.settings.max_iterations);
+      {at(sv.end, v), at(sf.end, f[0]), at(sf.end, f[1]), at(sf.end, f[2])}, least, s.settings.max_iterations, until);
 }
 
-Approach VertexFaces::impact(int v, int face) const { return impact(v, face, closest(v, face, 0), travel(v, face)); }
+Approach VertexFaces::impact(int v, int face, double until) const {
+  return impact(v, face, closest(v, face, 0), travel(v, face), until);
+}
 
 // Calls visit(other face) for the other faces at the edge or corner where q is, until it returns true.
 template <class Visit>
@@ -94,7 +97,7 @@ bool VertexFaces::neighborNearer(int v, int face, const TrianglePoint& q, double
 bool VertexFaces::neighborHitFirst(int v, int face, const TrianglePoint& q, double toi) const {
   return anyNeighbor(face, q, [&](int f) {
     if (excluded(v, f)) return false;
-    const Approach other = impact(v, f);
+    const Approach other = impact(v, f, toi);
     return other.reached && (other.time < toi || (other.time == toi && f < face));
   });
 }
@@ -200,11 +203,12 @@ void testVertexFace(PairSearch& s, bool vertex_first, int vertex, int owner, int
   if (q.distance < s.reach && s.from > 0) return;
   if (faces.apart(vertex, face, q)) return;
   const double travel = faces.travel(vertex, face);
-  if (q.distance - travel > s.reach) return;
+  if (q.distance - s.to * travel > s.reach) return;
 
   FeaturePair pair;
   pair.start_distance = q.distance;
-  const Approach impact = faces.impact(vertex, face, q, travel);
+  const Approach impact = faces.impact(vertex, face, q, travel, s.horizon(q.distance));
+  if (!impact.reached && s.onlyHits(q.distance)) return;
   pair.hit = impact.reached;
   pair.toi = pair.hit ? impact.time : 1;
   const TrianglePoint at_end = faces.closest(vertex, face, 1);

@@ -225,18 +225,42 @@ class StressRun {
       // a tool that touches only itself may lie otherwise than before, but its weight hangs from the handle
       ride.judge = RideJudge::reference;
       same_energy = touch == Touch::nothing;
-    } else if (settings_.solve_static) {
-      try {
-        world_.settle(world_.gluedTogether(world_.toolIndex()), scene_.start);
-        wanted = restOf(world_);
-        ride.judge = RideJudge::settled;
-      } catch (const RunError&) {  // such as friction that lets go now and then
-      }
+    } else if (settings_.solve_static && settle()) {
+      wanted = restOf(world_);
+      ride.judge = RideJudge::settled;
     }
     ride.handle_off = (end.handle.position - wanted.handle.position).norm();
     ride.energy_off = end.energy - wanted.energy;
-    const bool energy_good = std::abs(ride.energy_off) <= kEnergyOff + kEnergyShare * wanted.energy;
-    ride.came_back = ride.judge == RideJudge::none || (ride.handle_off <= kHandleOff && (energy_good || !same_energy));
+    const bool same = sameEnergy(end, wanted) || !same_energy;
+    if (!same && ride.judge == RideJudge::reference && settings_.solve_static && !driven_ && swings()) {
+      ride.judge = RideJudge::swings;
+    }
+    ride.came_back =
+        ride.judge == RideJudge::none || (ride.handle_off <= kHandleOff && (same || ride.judge == RideJudge::swings));
+  }
+
+  static bool sameEnergy(const Rest& a, const Rest& wanted) {
+    return std::abs(a.energy - wanted.energy) <= kEnergyOff + kEnergyShare * wanted.energy;
+  }
+
+  // To the static solution from the present state. @returns whether there is one: friction may let go now and then
+  bool settle() {
+    try {
+      world_.settle(world_.gluedTogether(world_.toolIndex()), scene_.start);
+    } catch (const RunError&) {
+      return false;
+    }
+    return true;
+  }
+
+  // Whether the tool only swings: at rest it would hang as the built scene does.
+  bool swings() {
+    if (!settle()) return false;
+    const Rest still = restOf(world_);
+    beginAnew();
+    if (!settle()) return false;
+    const Rest built = restOf(world_);
+    return sameEnergy(still, built) && (still.handle.position - built.handle.position).norm() <= kHandleOff;
   }
 
   // A visual step of a run, and the ticks on the way to it.

@@ -59,7 +59,9 @@ enum class RideJudge {
   none,       ///< the tool touches something, and nobody asked for a static solution, or there was none
   reference,  ///< the built scene, left alone for as long as the ride's hand stood still, or for all of the ride where
               ///< the world drives the tool
-  settled     ///< the static solution from the ride's end
+  settled,    ///< the static solution from the ride's end
+  swings  ///< the reference, in all but its energy: the tool touches nothing, and the static solutions from the ride's
+          ///< end and of the built scene agree. What damps it little swings for longer than a ride's calm
 };
 
 struct StressRide {

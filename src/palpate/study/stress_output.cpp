@@ -13,6 +13,8 @@ const char* nameOf(RideJudge judge) {
       return "reference";
     case RideJudge::settled:
       return "static";
+    case RideJudge::swings:
+      return "swings";
     default:
       return "none";
   }
@@ -109,16 +111,21 @@ nlohmann::ordered_json stressSummary(const std::string& scene, const StressSetti
   j["redone"] = t.redone;
   j["step_ms"] = {{"median", o.median_ms}, {"p99", o.p99_ms}, {"p99_9", o.p99_9_ms}, {"max", o.max_ms}};
   if (settings.riding) {
-    int failed = 0, judged = 0;
+    int failed = 0, judged = 0, swinging = 0;
     nlohmann::ordered_json seeds = nlohmann::ordered_json::array();
     for (const StressRide& r : o.rides) {
       judged += r.judge == RideJudge::none ? 0 : 1;
+      swinging += r.judge == RideJudge::swings ? 1 : 0;
       if (!r.failed()) continue;
       ++failed;
       seeds.push_back(r.seed);
     }
     j["restless"] = t.restless;
-    j["rides"] = {{"ridden", o.rides.size()}, {"judged", judged}, {"failed", failed}, {"failed_seeds", seeds}};
+    j["rides"] = {{"ridden", o.rides.size()},
+                  {"judged", judged},
+                  {"swinging", swinging},
+                  {"failed", failed},
+                  {"failed_seeds", seeds}};
   }
   return j;
 }
