@@ -569,7 +569,7 @@ def stress_rides(context):
     slow = ["--hand", "ride", "--speed", "0.1", "--spin", "1", "--ride", "0.5"]
     both = stress(context, context.file("scene.yaml", SCENE), *slow, "--seeds", "2", "--static")
     expect(both["failures"] == [] and not both["stopped"], f"failures {both['failures']}")
-    expect(both["rides"] == {"ridden": 2, "judged": 2, "failed": 0, "failed_seeds": []}, f"rides {both['rides']}")
+    expect(both["rides"] == {"ridden": 2, "judged": 2, "swinging": 0, "failed": 0, "failed_seeds": []}, f"rides {both['rides']}")
     header, rows = context.table("rides.csv")
     expect([row[header.index("seed")] for row in rows] == ["1", "2"], "not the seeds 1 and 2")
     for row in rows:
