@@ -73,11 +73,15 @@ TEST(TetrahedronSubdivision, CutsIntoEqualPartsThatMatchOnEveryFace) {
   }
 }
 
+SimulationMesh embeddedAlien(int target, EmbedReport& report) {
+  EmbedOptions options;
+  options.target_tetrahedra = target;
+  return embedSurface(alien().surface, options, &report);
+}
+
 TEST(EmbedSurface, AlienHasItsCountMassAndCenter) {
   EmbedReport report;
-  EmbedOptions options;
-  options.target_tetrahedra = 288;
-  const SimulationMesh m = embedSurface(alien().surface, options, &report);
+  const SimulationMesh m = embeddedAlien(288, report);
   EXPECT_EQ(complaintsAbout(m), "");
   EXPECT_GE(report.tetrahedra, 250);
   EXPECT_LE(report.tetrahedra, 330);
@@ -93,10 +97,8 @@ TEST(EmbedSurface, AlienHasItsCountMassAndCenter) {
 // Where a surface leaves its tetrahedra, two of them say different things of one place, and it passes through itself.
 TEST(EmbedSurface, LittleOfTheSurfaceLeavesItsTetrahedraAndNoNodeIsSoft) {
   for (int target : {150, 288, 1000}) {
-    EmbedOptions options;
-    options.target_tetrahedra = target;
     EmbedReport report;
-    const SimulationMesh m = embedSurface(alien().surface, options, &report);
+    const SimulationMesh m = embeddedAlien(target, report);
     EXPECT_LT(report.vertices_outside, 0.05 * static_cast<double>(m.surface.vertices.size())) << target;
     EXPECT_GT(report.smallest_weight, -0.2) << target;
     EXPECT_GT(report.softest_node, 0.03) << target;
@@ -118,10 +120,8 @@ TEST(ResistingShares, HoldWhatIsNextToEmptyAndLeaveWhatIsThin) {
 
 TEST(EmbedSurface, AlienLimbsShareNoTetrahedron) {
   for (int target : {288, 150, 600}) {
-    EmbedOptions options;
-    options.target_tetrahedra = target;
     EmbedReport report;
-    const SimulationMesh m = embedSurface(alien().surface, options, &report);
+    const SimulationMesh m = embeddedAlien(target, report);
     EXPECT_EQ(fusedTetrahedra(m, 6 * report.cell_size), 0) << target;
   }
 }

@@ -312,7 +312,15 @@ TEST(StressFailures, OneLineForEachCriterion) {
   EXPECT_EQ(stressFailures(bad).size(), 4u);
 }
 
-// --- rides of a tool that the world moves
+// --- rides of other tools
+
+StressSettings oneRide(const SceneConfig& config) {
+  StressSettings settings;
+  settings.timing = timingOf(config);
+  settings.riding = true;
+  settings.rides = 1;
+  return settings;
+}
 
 // It never comes to rest, and hangs between hand and world: neither is a failure.
 TEST(StressRide, ADrivenToolComesBackToItsMotion) {
@@ -332,10 +340,7 @@ tool:
 )",
                                                  "driven");
   BuiltScene scene = buildScene(config);
-  StressSettings settings;
-  settings.timing = timingOf(config);
-  settings.riding = true;
-  settings.rides = 1;
+  StressSettings settings = oneRide(config);
   settings.motion.speed = 0.5;
   settings.motion.ride = 1.2;  // ends half a period away from where the reference of a settled scene would be taken
   const StressOutcome outcome = runStress(scene, settings);
@@ -360,11 +365,8 @@ tool:
                                                  "swings");
   for (const bool with_static : {false, true}) {
     BuiltScene scene = buildScene(config);
-    StressSettings settings;
-    settings.timing = timingOf(config);
+    StressSettings settings = oneRide(config);
     settings.timing.visual_step = 0.002;  // longer steps damp by themselves
-    settings.riding = true;
-    settings.rides = 1;
     settings.motion.ride = 1;
     settings.motion.home = 1;
     settings.solve_static = with_static;
@@ -395,10 +397,7 @@ tool:
                                                  "soft");
   for (const std::uint64_t seed : {16u, 35u, 43u}) {
     BuiltScene scene = buildScene(config);
-    StressSettings settings;
-    settings.timing = timingOf(config);
-    settings.riding = true;
-    settings.rides = 1;
+    StressSettings settings = oneRide(config);
     settings.seed = seed;
     const StressOutcome outcome = runStress(scene, settings);
     EXPECT_GT(outcome.all.folded, 5) << seed;  // on the way

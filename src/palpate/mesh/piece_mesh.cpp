@@ -4,6 +4,7 @@
 #include <map>
 #include <set>
 #include <unordered_map>
+#include <unordered_set>
 
 #include "palpate/common/cancellation.h"
 #include "palpate/mesh/face_table.h"
@@ -136,21 +137,18 @@ bool PieceMesh::reaches(int piece, const std::vector<int>& others, int faces, in
 
 bool PieceMesh::connectedNear(int piece, int other, int faces) const { return reaches(piece, {other}, faces, -1); }
 
-std::unordered_set<int> PieceMesh::nodesOfPieces(double least_samples) {
-  std::unordered_set<int> nodes;
-  for (int p = 0; p < static_cast<int>(host_.size()); ++p) {
-    if (!isKept(p) || solid_.pieces[static_cast<size_t>(p)].samples < least_samples) continue;
-    for (int k = 0; k < 4; ++k) nodes.insert(nodeClass(p, k));
-  }
-  return nodes;
-}
-
 void PieceMesh::mergeSlivers(double smallest_fill) {
   const double limit = smallest_fill * cut_.count();
-  const std::unordered_set<int> held = nodesOfPieces(limit);
   std::vector<int> small;
-  for (int p = 0; p < static_cast<int>(host_.size()); ++p)
-    if (isKept(p) && solid_.pieces[static_cast<size_t>(p)].samples < limit) small.push_back(p);
+  std::unordered_set<int> held;  // nodes of the others
+  for (int p = 0; p < static_cast<int>(host_.size()); ++p) {
+    if (!isKept(p)) continue;
+    if (solid_.pieces[static_cast<size_t>(p)].samples < limit) {
+      small.push_back(p);
+    } else {
+      for (int k = 0; k < 4; ++k) held.insert(nodeClass(p, k));
+    }
+  }
   std::stable_sort(small.begin(), small.end(), [&](int a, int b) {
     return solid_.pieces[static_cast<size_t>(a)].samples < solid_.pieces[static_cast<size_t>(b)].samples;
   });

@@ -1,6 +1,5 @@
 #pragma once
 
-#include <unordered_set>
 #include <vector>
 
 #include "palpate/mesh/edge_table.h"
@@ -34,8 +33,6 @@ class PieceMesh {
   void uniteCorners(bool virtual_nodes);
   void mergeIdentical();
   void findFaces();
-  /// Of kept pieces of at least so many samples.
-  std::unordered_set<int> nodesOfPieces(double least_samples);
   void mergeSlivers(double smallest_fill);
   void dropCrumbs();
   bool giveAway(int piece);
