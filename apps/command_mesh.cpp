@@ -41,6 +41,11 @@ bool isVolumeFile(const std::string& path) { return endingOf(path) == ".vtk" || 
 
 constexpr int kMostTetrahedra = 200'000;
 
+void requireTolerance(const std::optional<double>& tolerance) {
+  if (tolerance && !(*tolerance >= 0 && std::isfinite(*tolerance)))
+    throw InputError("--tolerance", "", "must be a finite length, m");
+}
+
 void requireCount(int tetrahedra, int least, const char* cause) {
   if (tetrahedra < least || tetrahedra > kMostTetrahedra) throw InputError("--tets", "", cause);
 }
@@ -52,6 +57,7 @@ EmbedSummary runMeshEmbed(const EmbedCommand& command) {
     throw InputError("--out", "", "the name of a simulation mesh must end in .vtu or .vtk");
   requireCount(command.tetrahedra, 0, "must be from 1 to 200000, or auto");
   requireSize(command.size);
+  requireTolerance(command.tolerance);
   StageTeller teller;
   teller.at(command.surface + ": making its mesh");
   RepairReport repair;
@@ -59,6 +65,7 @@ EmbedSummary runMeshEmbed(const EmbedCommand& command) {
   EmbedOptions options;
   options.target_tetrahedra = command.tetrahedra;
   options.name = command.surface;
+  options.surface_tolerance = command.tolerance;
   EmbedSummary summary;
   const SimulationMesh mesh = embedSurface(solid, options, &summary.embed);
   // The repair that matters to the user is that of the file.
@@ -75,6 +82,10 @@ std::string formatReport(const EmbedSummary& s) {
   std::string out;
   line(out, "surface", "{} triangles, {} vertices", s.surface_triangles, s.surface_vertices);
   formatRepair(out, r.repair);
+  if (r.surface_deviation > 0) {
+    line(out, "simplified", "from {} triangles, at most {:.2g} m away (--tolerance 0 keeps them)", r.given_triangles,
+         r.surface_deviation);
+  }
   line(out, "volume", "{:.6g} m^3 (mesh {:.6g} m^3, as sampled {:+.2f} %)", r.surface_volume, r.mesh_volume,
        100 * (r.sampled_volume / r.surface_volume - 1));
   line(out, "tetrahedra", "{}, {} nodes, cell {:.4g} m", r.tetrahedra, r.nodes, r.cell_size);
@@ -283,6 +294,12 @@ void addEmbed(CLI::App& group) {
       ->type_name("N|auto")
       ->default_str("300");
   addSize(*command, options->size, kSizeOfFile);
+  command
+      ->add_option(
+          "--tolerance", options->tolerance,
+          "How far the embedded surface may be from the file's, to have fewer triangles, m; 0: all stay; default: "
+          "1 % of a cell, at most 0.1 % of the diagonal")
+      ->type_name("T");
   command->add_option("--out", options->out, "Write the simulation mesh (.vtu or .vtk)")
       ->check(kNotEmpty)
       ->type_name("FILE");

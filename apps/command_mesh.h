@@ -1,5 +1,6 @@
 #pragma once
 
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -11,17 +12,18 @@
 
 namespace palpate {
 
-/// `mesh embed SURFACE --tets N|auto [--size S] [--out FILE]`
+/// `mesh embed SURFACE --tets N|auto [--size S] [--tolerance T] [--out FILE]`
 struct EmbedCommand {
   std::string surface;
-  int tetrahedra = 300;  ///< 0: as many as the thinnest parts that matter need
-  double size = 0;       ///< [m] longest side of the bounding box; 0 keeps the file's lengths
-  std::string out;       ///< .vtu or .vtk; empty for none
+  int tetrahedra = 300;               ///< 0: as many as the thinnest parts that matter need
+  double size = 0;                    ///< [m] longest side of the bounding box; 0 keeps the file's lengths
+  std::string out;                    ///< .vtu or .vtk; empty for none
+  std::optional<double> tolerance{};  ///< [m] EmbedOptions::surface_tolerance
 };
 struct EmbedSummary {
   std::string surface;
-  int surface_vertices = 0;   ///< after repair
-  int surface_triangles = 0;  ///< after repair
+  int surface_vertices = 0;   ///< as embedded
+  int surface_triangles = 0;  ///< as embedded
   EmbedReport embed;
 };
 EmbedSummary runMeshEmbed(const EmbedCommand& command);

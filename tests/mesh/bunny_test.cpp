@@ -1,6 +1,7 @@
 #include <gtest/gtest.h>
 
 #include "palpate/mesh/embed_surface.h"
+#include "palpate/mesh/simplify_surface.h"
 #include "palpate/mesh/surface_io.h"
 #include "shared/bunny.h"
 #include "shared/surface_tools.h"
@@ -34,6 +35,28 @@ TEST(Bunny, EmbedsAtBothSizes) {
     EXPECT_NEAR(report.mesh_volume / report.surface_volume, 1, 1e-9);
     EXPECT_EQ(fusedTetrahedra(m, 8 * report.cell_size), 0);
   }
+}
+
+TEST(Bunny, IsSimplifiedForItsMesh) {
+  for (const int target : {300, 3000}) {
+    EmbedOptions options;
+    options.target_tetrahedra = target;
+    options.surface_tolerance.reset();
+    EmbedReport report;
+    const SimulationMesh m = embedSurface(bunny(), options, &report);
+    EXPECT_EQ(complaintsAbout(m), "");
+    EXPECT_EQ(report.given_triangles, 69666);
+    EXPECT_LT(m.surface.triangles.size(), 69666u / 3);
+    EXPECT_LE(report.surface_deviation, kSurfaceTolerance * report.cell_size);
+    EXPECT_TRUE(inspectTopology(m.surface).closed());
+    EXPECT_EQ(inspectTopology(m.surface).euler, 2);
+  }
+  // a thousand holes as well
+  const Surface hurt = repairSurface(damaged(bunny(), 9)).surface;
+  const double size = (boundsOf(hurt.vertices).high - boundsOf(hurt.vertices).low).norm();
+  const SimplifiedSurface simpler = simplifySurface(hurt, 0.002 * size);
+  EXPECT_LT(simpler.surface.triangles.size(), hurt.triangles.size() / 2);
+  EXPECT_EQ(inspectTopology(simpler.surface).components, inspectTopology(hurt).components);
 }
 
 TEST(Bunny, SurvivesDamage) {

@@ -7,48 +7,11 @@
 namespace palpate {
 namespace {
 
-// Nearest of the edges that face p: edge i, opposite corner i, does so where sign[i] < 0.
-TrianglePoint closestOnOutline(const Vec3& p, const std::array<const Vec3*, 3>& corner,
-                               const std::array<double, 3>& sign) {
-  TrianglePoint best;
-  double best2 = std::numeric_limits<double>::infinity();
-  for (size_t opposite = 0; opposite < 3; ++opposite) {
-    if (!(sign[opposite] < 0)) continue;
-    const size_t i = (opposite + 1) % 3, j = (opposite + 2) % 3;
-    const double t = closestOnSegment(p, *corner[i], *corner[j]);
-    const double distance2 = (p - (*corner[i] + t * (*corner[j] - *corner[i]))).squaredNorm();
-    if (distance2 >= best2) continue;
-    best2 = distance2;
-    best.weight = {};
-    best.weight[i] = 1 - t;
-    best.weight[j] = t;
-  }
-  best.distance = std::sqrt(best2);
-  return best;
-}
-
 double segmentDistance(const Vec3& d1, const Vec3& d2, const Vec3& r, double s, double t) {
   return (r + s * d1 - t * d2).norm();
 }
 
 }  // namespace
-
-TrianglePoint closestOnTriangle(const Vec3& p, const Vec3& a, const Vec3& b, const Vec3& c) {
-  // Everything in the triangle's plane, from the Gram matrix of its edges at a: the plane's weights, unless one of them
-  // is negative; then the nearest point is on the outline.
-  const Vec3 u = b - a, v = c - a, w = p - a;
-  const double uu = u.squaredNorm(), uv = u.dot(v), vv = v.squaredNorm();
-  const double uw = u.dot(w), vw = v.dot(w);
-  const double det = uu * vv - uv * uv;
-  const double wb = vv * uw - uv * vw, wc = uu * vw - uv * uw;
-  const double wa = det - wb - wc;
-  if (!(det > 1e-14 * uu * vv)) return closestOnOutline(p, {&a, &b, &c}, {-1, -1, -1});
-  if (wa < 0 || wb < 0 || wc < 0) return closestOnOutline(p, {&a, &b, &c}, {wa, wb, wc});
-  TrianglePoint r;
-  r.weight = {wa / det, wb / det, wc / det};
-  r.distance = (w - r.weight[1] * u - r.weight[2] * v).norm();
-  return r;
-}
 
 SegmentPair closestOnSegments(const Vec3& a0, const Vec3& a1, const Vec3& b0, const Vec3& b1) {
   const Vec3 d1 = a1 - a0, d2 = b1 - b0, r = a0 - b0;

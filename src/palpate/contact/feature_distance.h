@@ -3,15 +3,10 @@
 #include <array>
 
 #include "palpate/math/segment.h"
+#include "palpate/math/triangle.h"
 #include "palpate/math/types.h"
 
 namespace palpate {
-
-/// Closest point of a triangle to a point.
-struct TrianglePoint {
-  std::array<double, 3> weight{};  ///< barycentric, >= 0, sum 1; exactly 0 for corners that take no part
-  double distance = 0;             ///< [m]
-};
 
 /// Closest points of two segments: (1 - s) a0 + s a1 and (1 - t) b0 + t b1.
 struct SegmentPair {
@@ -19,9 +14,6 @@ struct SegmentPair {
   double t = 0;
   double distance = 0;  ///< [m]
 };
-
-/// Closest point of triangle abc to p. A triangle without area is taken as its longest edges.
-TrianglePoint closestOnTriangle(const Vec3& p, const Vec3& a, const Vec3& b, const Vec3& c);
 
 /// Closest points of two segments. Parallel segments give a pair with an end point, one of many that are as near.
 SegmentPair closestOnSegments(const Vec3& a0, const Vec3& a1, const Vec3& b0, const Vec3& b1);

@@ -15,6 +15,7 @@
 #include "palpate/mesh/mesh_quality.h"
 #include "palpate/mesh/piece_mesh.h"
 #include "palpate/mesh/refine_surface.h"
+#include "palpate/mesh/simplify_surface.h"
 #include "palpate/mesh/surface_seams.h"
 #include "palpate/mesh/thickness.h"
 
@@ -40,6 +41,8 @@ void requireOptions(const EmbedOptions& options) {
     throw InputError(options.name, "cell_size", "must be 0 (search) or positive, and finite");
   if (!(options.smallest_fill >= 0 && options.smallest_fill <= 0.5))
     throw InputError(options.name, "smallest_fill", "must be 0 to 0.5");
+  if (options.surface_tolerance && !(*options.surface_tolerance >= 0))
+    throw InputError(options.name, "surface_tolerance", "must not be negative");
   if (!(options.count_tolerance >= 0)) throw InputError(options.name, "count_tolerance", "must not be negative");
 }
 
@@ -541,12 +544,17 @@ SimulationMesh embedSurface(const Surface& input, const EmbedOptions& options, E
   r.overlap_share = overlapShare(*trial, field);
   if (r.overlap_share < kOverlap) r.overlap_share = 0;
   // contact acts on the surface's vertices: no fewer than the mesh can follow
-  const Surface refined = refineSurface(surface, trial->lattice.cellSize());
+  const double cell = trial->lattice.cellSize();
+  const double usual = std::min(kSurfaceTolerance * cell, kSurfaceToleranceOfSize * (box.high - box.low).norm());
+  const SimplifiedSurface simplified = simplifySurface(surface, options.surface_tolerance.value_or(usual));
+  r.given_triangles = static_cast<int>(surface.triangles.size());
+  r.surface_deviation = simplified.deviation;
+  const Surface refined = refineSurface(simplified.surface, cell);
   Assembly assembly(*trial, refined, solid, r.overlap_share > 0);
   throwIfCancelled();
   SimulationMesh mesh = assembly.take();
   r.sampled_volume = assembly.sampledVolume();
-  r.cell_size = trial->lattice.cellSize();
+  r.cell_size = cell;
   r.subdivision = trial->cut.side();
   r.split_tetrahedra = splitTetrahedra(*trial->pieces);
   r.merged_slivers = trial->pieces->mergedSlivers();

@@ -1,11 +1,17 @@
 #pragma once
 
+#include <optional>
 #include <string>
 
 #include "palpate/mesh/surface_repair.h"
 #include "palpate/mesh/types.h"
 
 namespace palpate {
+
+/// How far a surface that is simplified may be from the one given, unless something else is asked for: the lesser of so
+/// many cells and so much of its bounding box's diagonal, half of the gap that contact keeps by default.
+inline constexpr double kSurfaceTolerance = 0.01;
+inline constexpr double kSurfaceToleranceOfSize = 0.001;
 
 struct EmbedOptions {
   /// Wanted count, 1 to 200,000; the cell size is searched for it. 0: as many as the thinnest parts that matter need
@@ -16,6 +22,9 @@ struct EmbedOptions {
   /// Pieces that fill less than this of their tetrahedron go to a neighbor if they have a node of their own and that is
   /// sound. The surface in them then leaves its tetrahedron, and what two hosts say of it differs where they meet.
   double smallest_fill = 0.02;
+  /// [m] How far the surface that is embedded may be from the one given, to have fewer triangles (see simplifySurface);
+  /// absent: kSurfaceTolerance; 0: all triangles stay.
+  std::optional<double> surface_tolerance = 0.0;
   /// Tell separate pieces of the solid in one lattice tetrahedron apart (Molino et al. 2004). Without, limbs that share
   /// a lattice tetrahedron are fused; kept for comparison.
   bool virtual_nodes = true;
@@ -24,6 +33,8 @@ struct EmbedOptions {
 
 struct EmbedReport {
   RepairReport repair;
+  int given_triangles = 0;       ///< of the repaired surface, before it was simplified
+  double surface_deviation = 0;  ///< [m] of the simplified surface from that
   int tetrahedra = 0;
   int nodes = 0;
   int components = 0;        ///< of the simulation mesh, connected through faces: each has six rigid modes, no hinge
@@ -57,9 +68,10 @@ struct EmbedReport {
 
 /// Simulation mesh of a surface: a body-centered cubic lattice cut to the solid, with virtual nodes, the surface
 /// embedded. The surface is repaired first (see repairSurface); holes, flipped triangles and duplicate vertices are
-/// survived. The result's surface is the repaired one, its triangles split until none is larger than a lattice cell.
-/// Total mass and center of mass are the surface's. Throws InputError(options.name, ...) if the surface bounds no
-/// volume or an option is out of range.
+/// survived. The result's surface is the repaired one, simplified if `surface_tolerance` allows that, its triangles
+/// split until none is larger than a lattice cell. Mesh, mass and center of mass are those of the surface as it was
+/// given. Total mass and center of mass are the surface's. Throws InputError(options.name, ...) if the surface bounds
+/// no volume or an option is out of range.
 SimulationMesh embedSurface(const Surface& surface, const EmbedOptions& options = {}, EmbedReport* report = nullptr);
 
 }  // namespace palpate

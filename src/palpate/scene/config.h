@@ -69,6 +69,9 @@ struct SurfaceShapeConfig {
   FileReference file;
   std::optional<double>
       size;  ///< longest side of the scaled surface's bounding box [m]; absent: file's units are meters
+  /// How far the surface in the scene may be from the file's, to have fewer triangles [m]; absent: EmbedOptions' own
+  /// for soft bodies, 0 for others
+  std::optional<double> tolerance;
   AxisName up = AxisName::z;  ///< the file's axis that becomes z; y: (x, y, z) -> (x, -z, y), x: (x, y, z) -> (y, z, x)
 };
 /// Box filled with a regular grid, six tetrahedra a cell; nodes lie on its surface.

@@ -39,6 +39,7 @@ SurfaceShapeConfig readSurface(const Value& value) {
   value.fields({required({"file", [&](const Value& v) { file.file = readFileName(v); }}),
                 {"package", [&](const Value& v) { file.package = readPackageName(v); }},
                 numberField("size", shape.size, kSize),
+                numberField("tolerance", shape.tolerance, Range::within(0.0, 1.0, "m")),
                 choiceField("up", shape.up, axes)});
   checkPackageFile(value, file);
   return shape;
