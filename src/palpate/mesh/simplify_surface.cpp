@@ -333,7 +333,16 @@ double farthest(const Surface& from, bool middles, const NearSurface& to) {
   return far;
 }
 
+double farthestApart(const Surface& first, const NearSurface& near_first, const Surface& second,
+                     const NearSurface& near_second) {
+  return std::max(farthest(first, false, near_second), farthest(second, true, near_first));
+}
+
 }  // namespace
+
+double farthestApart(const Surface& first, const Surface& second, double reach) {
+  return farthestApart(first, NearSurface(first, reach), second, NearSurface(second, reach));
+}
 
 SimplifiedSurface simplifySurface(const Surface& surface, double tolerance) {
   if (!(tolerance > 0) || surface.triangles.empty()) return {surface, 0};
@@ -351,7 +360,7 @@ SimplifiedSurface simplifySurface(const Surface& surface, double tolerance) {
     if (static_cast<double>(out.surface.triangles.size()) > kWorthIt * static_cast<double>(surface.triangles.size()))
       break;
     const NearSurface near(out.surface, tolerance);
-    out.deviation = std::max(farthest(surface, false, near), farthest(out.surface, true, whole));
+    out.deviation = farthestApart(surface, whole, out.surface, near);
     if (out.deviation <= tolerance && asApart(near)) return out;
   }
   return {surface, 0};

@@ -6,9 +6,7 @@ namespace palpate {
 
 struct SimplifiedSurface {
   Surface surface;
-  /// [m] farthest that a vertex of either surface, or the middle of an edge or a triangle of the simpler one, is from
-  /// the other; 0 where nothing was left out
-  double deviation = 0;
+  double deviation = 0;  ///< [m] as farthestApart(), from the surface that was simplified; 0 where nothing was left out
 };
 
 /// The same shape in fewer triangles: a scan has many more of them than its simulation can tell apart, and search for
@@ -22,5 +20,9 @@ struct SimplifiedSurface {
 /// `tolerance` is not positive. The result's vertices are some of the surface's, in their order. Expects a repaired
 /// surface.
 SimplifiedSurface simplifySurface(const Surface& surface, double tolerance);
+
+/// Farthest that a vertex of either surface, or the middle of an edge or a triangle of the second, is from the other
+/// [m]; infinite beyond `reach`.
+double farthestApart(const Surface& first, const Surface& second, double reach);
 
 }  // namespace palpate
