@@ -75,6 +75,17 @@ TEST(SimplifySurface, StaysWithinTheToleranceClosedAndOnItsVertices) {
   }
 }
 
+// The tolerance is a user's: all triangles would be near to each vertex.
+TEST(SimplifySurface, HugeTolerancesAreBounded) {
+  const Surface fine = sphereSurface(0.05, 5);
+  for (const double tolerance : {0.05, 1.0, 1e30}) {
+    const SimplifiedSurface out = simplifySurface(fine, tolerance);
+    EXPECT_LE(out.deviation, 0.01 * 0.1 * std::sqrt(3.0));
+    EXPECT_TRUE(inspectTopology(out.surface).closed());
+    EXPECT_GT(out.surface.triangles.size(), 50u);
+  }
+}
+
 TEST(SimplifySurface, FlatFacesNeedFewTriangles) {
   const Surface fine = boxSurface(Vec3(0.1, 0.05, 0.02), {20, 10, 4});
   const SimplifiedSurface out = simplifySurface(fine, 1e-5);

@@ -24,6 +24,7 @@ namespace bgi = boost::geometry::index;
 using Point = bg::model::point<double, 3, bg::cs::cartesian>;
 using Box = bg::model::box<Point>;
 
+constexpr double kMostOfSize = 0.01;  // of the diagonal, whatever the tolerance: what is near is to be few triangles
 constexpr int kTries = 6;
 constexpr double kLess = 0.6;     // of the tolerance, for the next try
 constexpr double kWorthIt = 0.8;  // of the triangles left at most
@@ -346,6 +347,8 @@ double farthestApart(const Surface& first, const Surface& second, double reach) 
 
 SimplifiedSurface simplifySurface(const Surface& surface, double tolerance) {
   if (!(tolerance > 0) || surface.triangles.empty()) return {surface, 0};
+  const Bounds box = boundsOf(surface.vertices);
+  tolerance = std::min(tolerance, kMostOfSize * (box.high - box.low).norm());
   const NearSurface whole(surface, tolerance);
   std::optional<int> crossings_before;
   const auto asApart = [&](const NearSurface& simpler) {

@@ -17,8 +17,8 @@ struct SimplifiedSurface {
 /// - a vertex at a hole, or where more than two triangles meet at an edge, stays.
 /// If the whole is farther from the surface than `tolerance` somewhere, or passes through itself where the surface does
 /// not, less is left out. The surface stays as it is if that leaves out less than a fifth of its triangles, or if
-/// `tolerance` is not positive. The result's vertices are some of the surface's, in their order. Expects a repaired
-/// surface.
+/// `tolerance` is not positive; more than 1 % of its bounding box's diagonal counts as that. The result's vertices are
+/// some of the surface's, in their order. Expects a repaired surface.
 SimplifiedSurface simplifySurface(const Surface& surface, double tolerance);
 
 /// Farthest that a vertex of either surface, or the middle of an edge or a triangle of the second, is from the other
