@@ -33,18 +33,13 @@ void formatRepair(std::string& out, const RepairReport& r) {
        r.topology.boundary_edges, r.topology.nonmanifold_edges);
 }
 
-void requireSize(double size) {
-  if (!(size >= 0) || !std::isfinite(size)) throw InputError("--size", "", "must be a finite length, m");
+void requireLength(const char* option, double length) {
+  if (!(length >= 0) || !std::isfinite(length)) throw InputError(option, "", "must be a finite length, m");
 }
 
 bool isVolumeFile(const std::string& path) { return endingOf(path) == ".vtk" || endingOf(path) == ".vtu"; }
 
 constexpr int kMostTetrahedra = 200'000;
-
-void requireTolerance(const std::optional<double>& tolerance) {
-  if (tolerance && !(*tolerance >= 0 && std::isfinite(*tolerance)))
-    throw InputError("--tolerance", "", "must be a finite length, m");
-}
 
 void requireCount(int tetrahedra, int least, const char* cause) {
   if (tetrahedra < least || tetrahedra > kMostTetrahedra) throw InputError("--tets", "", cause);
@@ -56,8 +51,8 @@ EmbedSummary runMeshEmbed(const EmbedCommand& command) {
   if (!command.out.empty() && !isVolumeFile(command.out))
     throw InputError("--out", "", "the name of a simulation mesh must end in .vtu or .vtk");
   requireCount(command.tetrahedra, 0, "must be from 1 to 200000, or auto");
-  requireSize(command.size);
-  requireTolerance(command.tolerance);
+  requireLength("--size", command.size);
+  if (command.tolerance) requireLength("--tolerance", *command.tolerance);
   StageTeller teller;
   teller.at(command.surface + ": making its mesh");
   RepairReport repair;
@@ -113,7 +108,7 @@ std::string formatReport(const EmbedSummary& s) {
 }
 
 StiffnessSummary runMeshStiffness(const StiffnessCommand& command) {
-  requireSize(command.size);
+  requireLength("--size", command.size);
   if (command.tetrahedra.empty()) throw InputError("--tets", "", "names no count");
   for (const int count : command.tetrahedra) requireCount(count, 1, "must be from 1 to 200000");
   StageTeller teller;
@@ -235,7 +230,7 @@ Surface makeShape(const MakeCommand& c) {
 }  // namespace
 
 MakeSummary runMeshMake(const MakeCommand& command) {
-  requireSize(command.size);
+  requireLength("--size", command.size);
   MakeSummary s{command.shape, command.out, 0, 0, 0};
   Surface surface;
   if (command.shape == "bar") {

@@ -21,7 +21,6 @@
 #include "palpate/mesh/simplify_surface.h"
 #include "palpate/mesh/surface_io.h"
 #include "palpate/mesh/surface_measures.h"
-#include "palpate/mesh/surface_repair.h"
 #include "palpate/mesh/tetrahedral_io.h"
 #include "palpate/scene/limits.h"
 #include "palpate/scene/method.h"
@@ -76,10 +75,10 @@ Surface buildSurface(const ShapeConfig& shape) {
 }
 
 // Of a rigid body or obstacle: no lattice says how fine is fine enough.
-Surface buildRigidSurface(const ShapeConfig& shape) {
+Surface rigidSurface(const ShapeConfig& shape) {
   const auto* file = std::get_if<SurfaceShapeConfig>(&shape);
   if (!file || !file->tolerance) return buildSurface(shape);
-  return simplifySurface(repairSurface(readSurfaceShape(*file)).surface, *file->tolerance).surface;
+  return simplifySurface(readSurfaceShape(*file), *file->tolerance).surface;
 }
 
 Surface placed(Surface surface, const Pose& pose) {
@@ -174,22 +173,21 @@ Obstacle buildObstacle(const ObstacleConfig& config) {
   Obstacle out;
   out.name = config.name;
   out.friction = config.friction;
-  std::visit(Overloaded{[&](const PlaneObstacleConfig& s) {
-                          out.shape = PlaneShape{s.point, s.normal};
-                        },
-                        [&](const BoxObstacleConfig& s) {
-                          out.shape = BoxShape{s.pose, s.half_extents};
-                        },
-                        [&](const SphereObstacleConfig& s) {
-                          out.shape = SphereShape{s.center, s.radius};
-                        },
-                        [&](const CapsuleObstacleConfig& s) {
-                          out.shape = CapsuleShape{s.a, s.b, s.radius};
-                        },
-                        [&](const MeshObstacleConfig& m) {
-                          out.shape = MeshShape{placed(buildRigidSurface(m.shape), m.pose)};
-                        }},
-             config.geometry);
+  std::visit(
+      Overloaded{[&](const PlaneObstacleConfig& s) {
+                   out.shape = PlaneShape{s.point, s.normal};
+                 },
+                 [&](const BoxObstacleConfig& s) {
+                   out.shape = BoxShape{s.pose, s.half_extents};
+                 },
+                 [&](const SphereObstacleConfig& s) {
+                   out.shape = SphereShape{s.center, s.radius};
+                 },
+                 [&](const CapsuleObstacleConfig& s) {
+                   out.shape = CapsuleShape{s.a, s.b, s.radius};
+                 },
+                 [&](const MeshObstacleConfig& m) { out.shape = MeshShape{placed(rigidSurface(m.shape), m.pose)}; }},
+      config.geometry);
   return out;
 }
 
@@ -453,7 +451,7 @@ BuiltScene buildChecked(const SceneConfig& config) {
   };
   const auto addRigid = [&](const BodyConfig& b, const Vec6& velocity, bool tool) {
     begin(teller, b.name + ": reading its surface");
-    const Surface surface = placed(buildRigidSurface(b.shape), b.pose);
+    const Surface surface = placed(rigidSurface(b.shape), b.pose);
     budget.spend(tool ? "rigid" : "body", b.name, surface.triangles.size());
     out.surface_triangles += static_cast<int>(surface.triangles.size());
     BodyModel body = BodyModel::rigid(b.name, surface, b.material.density, frictionOf(b, config), velocity,
