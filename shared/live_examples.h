@@ -57,6 +57,7 @@ inline LiveModel softTool(int points, int modes, int contacts, unsigned seed) {
   m.force.setZero(modes);
   m.speed.setZero(modes);
   for (int j = 0; j < modes; ++j) m.squared_frequency[j] = 2e3 * (1 + j) * (1 + j);
+  m.damping = m.beta * m.squared_frequency;
   m.coupling.setZero(6, modes);
   m.centrifugal.setZero(modes, 6);
   for (int k = 0; k < 3; ++k) {

@@ -46,6 +46,7 @@ TEST(LiveTick, AHeldModeSwingsAsTheSchemeSays) {
   m.coriolis_torque[0].setZero();
   const double w2 = 2500, dt = 0.001;
   m.squared_frequency[0] = w2;
+  m.damping[0] = m.beta * w2;
   LiveTick tick;
   LiveState state = startState(m);
   state.z[0] = 1e-3;

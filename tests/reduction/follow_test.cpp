@@ -125,6 +125,70 @@ TEST(Follow, CorrectionsLiftWeight) {
   }
 }
 
+// A body that nothing leads is corrected: it ends up shifted and faster by that, with the energy that it brings in the
+// account; a correction is no motion.
+TEST(Follow, OtherBodiesAreCorrected) {
+  Material material;
+  material.youngs_modulus = 2e4;
+  Held held(0.1);
+  held.world.gravity.setZero();
+  held.world.add(BodyModel(
+      "other", moved(barMesh({0.04, 0.04, 0.04}, {2, 2, 2}), {Vec3(0.3, 0, 0.5), Quat::Identity()}), material));
+  const int n = held.world.body(1).model.freeNodes();
+  ToolPath path = straight(held.world.tool().state.handle.pose, Vec6::Zero(), kStep);
+  ASSERT_EQ(held.world.follow(path, kStep).status, StepStatus::ok);
+  const VecX before = held.world.body(1).state.positions;
+  const Vec3 shift(1e-3, -2e-3, 3e-3), faster(0.1, 0.2, -0.3);
+  path.others = {{1, shift.replicate(n, 1), faster.replicate(n, 1)}};
+  const StepReport report = held.world.follow(path, kStep);
+  ASSERT_EQ(report.status, StepStatus::ok);
+  const BodyState& after = held.world.body(1).state;
+  for (int i = 0; i < n; ++i) {
+    EXPECT_LT(((after.positions - before).segment<3>(3 * i) - shift - kStep * faster).norm(), 1e-9);
+    EXPECT_LT((after.velocities.segment<3>(3 * i) - faster).norm(), 1e-9);
+  }
+  const double kinetic = 0.5 * held.world.body(1).model.totalMass() * faster.squaredNorm();
+  EXPECT_NEAR(report.energy_corrected, kinetic, 1e-6 * kinetic);
+  EXPECT_EQ(report.energy_made, 0);
+}
+
+// Springs to the world on a tool that is led are where its nodes are, not where they were: what moves it adds up.
+TEST(Follow, SpringsOnALedToolAddUp) {
+  Material material;
+  material.youngs_modulus = 2e4;
+  material.damping_beta = 0.002;
+  BodyModel body = bar({4, 3, 3}, material);
+  holdNodes(body, onTop, kPlainHandle);
+  Attachment springs;
+  springs.name = "springs";
+  springs.nodes = nodesWhere(body.mesh().mesh.nodes, [](const Vec3& p) { return p.z() < 1e-9; });
+  const auto count = static_cast<Eigen::Index>(springs.nodes.size());
+  springs.stiffness = VecX::Constant(count, 100.0 / static_cast<double>(count));
+  springs.damping = VecX::Constant(count, 5.0 / static_cast<double>(count));
+  body.attach(springs);
+  World world;
+  world.gravity.setZero();
+  world.add(std::move(body));
+  Vec6 twist = Vec6::Zero();
+  twist[0] = 0.1;
+  const BodyModel& tool = world.tool().model;
+  const auto momentum = [&] {
+    Vec3 sum = Vec3::Zero();
+    for (const int i : tool.free())
+      sum += tool.elasticity().mass()[i] * world.tool().state.velocities.segment<3>(3 * i);
+    return sum;
+  };
+  for (int k = 0; k < 20; ++k) {
+    const Vec3 before = momentum();
+    ASSERT_EQ(world.follow(straight(world.tool().state.handle.pose, twist, kStep), kStep).status, StepStatus::ok);
+    const Vec3 springs_give = world.tool().system.attachmentForces()[0].force;
+    const Vec3 handle_gives = -world.tool().system.wrenchOnHandle(world.tool().state).head<3>();
+    if (k < 3) continue;  // it starts at once, and what is soft cannot
+    EXPECT_LT(((momentum() - before) / kStep - springs_give - handle_gives).norm(), 0.02 + 0.02 * springs_give.norm())
+        << k;
+  }
+}
+
 // A path into the ground: the free nodes stay above it whatever the handle does, and the handle stops where the ground
 // is.
 TEST(Follow, ContactStopsTheHandle) {

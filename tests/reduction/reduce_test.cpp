@@ -6,8 +6,7 @@
 #include "palpate/math/decompositions.h"
 #include "palpate/math/rotation.h"
 #include "palpate/mesh/shapes.h"
-#include "palpate/reduction/partner_compliance.h"
-#include "palpate/reduction/tool_modes.h"
+#include "palpate/reduction/partner_reduction.h"
 #include "shared/held_scenes.h"
 #include "shared/pair_scenes.h"
 
@@ -53,7 +52,7 @@ struct Pressed {
     DampedForces damped;
     dampForces(world, 1e3, damped);
     const ToolShape shape = toolShape(world);
-    return reduction.reduce(world, settings, {shape, damped, MatX(), 0.033}, basis);
+    return reduction.reduce(world, settings, {shape, damped, MatX(), 0.033, {}, {}}, basis);
   }
 };
 
@@ -142,7 +141,19 @@ TEST(Reduction, MergedContactsCarryTheWholeForce) {
   Vec3 sum = Vec3::Zero();
   for (int i = 0; i < 4; ++i) sum += model.contact_force.segment<3>(3 * i);
   EXPECT_GT(expected.norm(), 0.3);
-  EXPECT_LT((scene.world.tool().state.handle.pose.rotation * sum - expected).norm(), 1e-9);
+  const Pose& pose = scene.world.tool().state.handle.pose;
+  EXPECT_LT((pose.rotation * sum - expected).norm(), 1e-9);
+  // and about the handle
+  Vec3 torque = Vec3::Zero(), given = model.torque;
+  const ContactMemory& memory = scene.world.state().contacts;
+  for (std::size_t k = 0; k < memory.loaded.size(); ++k) {
+    const Vec3 force =
+        memory.loaded[k].frame().transpose() * memory.loaded_force.segment<3>(static_cast<Eigen::Index>(3 * k));
+    torque += (memory.loaded[k].first.at(scene.world.tool().state.positions) - pose.position).cross(force);
+  }
+  for (int i = 0; i < 4; ++i)
+    given += Vec3(model.arm.segment<3>(3 * i)).cross(Vec3(model.contact_force.segment<3>(3 * i)));
+  EXPECT_LT((pose.rotation * given - torque).norm(), 1e-3 * torque.norm());
 }
 
 // On a ball of triangles: planes that bend as it does, and normals through its middle though facets have others.
@@ -211,7 +222,7 @@ TEST(Reduction, AJointIsTied) {
   DampedForces damped;
   dampForces(world, 1e3, damped);
   LiveBasis basis;
-  const LiveModel m = reduction.reduce(world, {}, {toolShape(world), damped, MatX(), 0.033}, basis);
+  const LiveModel m = reduction.reduce(world, {}, {toolShape(world), damped, MatX(), 0.033, {}, {}}, basis);
   ASSERT_TRUE(isFinite(m));
   ASSERT_EQ(m.contacts, kTiedClusters);
   EXPECT_TRUE(m.partners_yield);
@@ -235,7 +246,64 @@ TEST(Reduction, AJointIsTied) {
   }
   Vec3 after = Vec3::Zero();
   for (int i = 0; i < m.contacts; ++i) after += state.contact_force.segment<3>(3 * i);
-  EXPECT_LT((after - sum).norm(), 0.02 * sum.norm());
+  EXPECT_LT((after - sum).norm(), 1e-3 * sum.norm());
+}
+
+Vec3 sumOf(const RowVector& forces) {
+  Vec3 sum = Vec3::Zero();
+  for (Eigen::Index i = 0; i + 2 < forces.size(); i += 3) sum += forces.segment<3>(i);
+  return sum;
+}
+
+// A soft bar that is pressed on a soft block with a mesh of its own and held there: a model of what is at rest stays at
+// rest, whatever of its contacts the step left out, and however they are merged.
+TEST(Reduction, WhatIsAtRestOnASoftBodyStaysAtRest) {
+  Material material;
+  material.youngs_modulus = 2e4;
+  material.damping_beta = 0.002;
+  World world;
+  world.link = {700, 5, 1.0, 0.005};
+  BodyModel tool = bar({4, 3, 3}, material);
+  holdNodes(tool, onTop, kPlainHandle);
+  const Quat turn(Eigen::AngleAxisd(0.35, Vec3::UnitZ()));
+  SimulationMesh below = moved(barMesh({0.08, 0.07, 0.03}, {5, 4, 2}), {Vec3(-0.01, -0.02, -0.0305), turn});
+  BodyModel block("block", below, material);
+  Attachment floor;
+  floor.name = "floor";
+  floor.nodes = nodesWhere(block.mesh().mesh.nodes, [](const Vec3& p) { return p.z() < -0.03; });
+  block.attach(floor);
+  world.add(std::move(tool));
+  world.add(std::move(block));
+  const Pose start = world.tool().state.handle.pose;
+  for (int k = 1; k <= 100; ++k) {
+    Vec6 way = Vec6::Zero();
+    way.head<3>() = std::min(1.0, k / 40.0) * Vec3(0.003, -0.001, -0.006);
+    way[4] = std::min(1.0, k / 40.0) * 0.05;
+    ASSERT_FALSE(world.step({advance(start, way), Vec6::Zero()}, 0.033).failed());
+  }
+  for (const int contacts : {16, 5}) {
+    for (const int modes : {0, 6}) {
+      LiveSettings settings;
+      settings.contacts = contacts;
+      settings.partner_modes = modes;
+      ToolReduction reduction;
+      DampedForces damped;
+      dampForces(world, 1e3, damped);
+      LiveBasis basis;
+      const LiveModel m = reduction.reduce(world, settings, {toolShape(world), damped, MatX(), 0.033, {}, {}}, basis);
+      ASSERT_TRUE(isFinite(m));
+      EXPECT_EQ(m.partner_modes, modes);
+      const Vec3 before = sumOf(m.contact_force);
+      ASSERT_GT(before.norm(), 0.3);
+      LiveTick tick;
+      LiveState state = startState(m);
+      for (int k = 0; k < 200; ++k) {
+        tick.replay(m, 0.001, world.gravity, {k, m.pose, Vec6::Zero()}, {k + 1, m.pose, Vec6::Zero()}, state);
+      }
+      EXPECT_LT((sumOf(state.contact_force) - before).norm(), 0.005 * before.norm())
+          << contacts << " contacts, " << modes << " modes";
+    }
+  }
 }
 
 // A block of two glued parts yields like one, also where it stands on the ground.
@@ -280,10 +348,100 @@ TEST(PartnerCompliance, GluedBodiesYieldTogether) {
     for (std::size_t k = 0; k < 3; ++k)
       sums.push_back({static_cast<int>(3 * k), {{nodes[4 * k], 0.7}, {nodes[4 * k + 1], 0.3}}});
     found.push_back(MatX::Zero(9, 9));
-    addPartnerCompliance(world, 1, sums, found.back());
+    reducePartner(world, 1, {sums, {}, nullptr, nullptr, 0}, found.back());
   }
   EXPECT_GT(found[0].norm(), 1e-3);
   EXPECT_LT((found[1] - found[0]).norm(), 1e-3 * found[0].norm());
+}
+
+// A block on the floor that the world holds, after a step: its modes are those of the dense problem, and what they and
+// the rest give is what it gives without.
+TEST(PartnerModes, TheyAndTheRestAreTheWholeCompliance) {
+  Material material;
+  material.youngs_modulus = 2e4;
+  material.damping_beta = 0.002;
+  World world;
+  BodyModel tool("tool", moved(barMesh({0.01, 0.01, 0.01}, {1, 1, 1}), {Vec3(0, 0, 1), Quat::Identity()}), material);
+  holdNodes(
+      tool, [](const Vec3& p) { return p.z() > 1.005; }, kPlainHandle);
+  world.add(std::move(tool));
+  BodyModel block("block", barMesh({0.04, 0.04, 0.04}, {3, 3, 3}), material);
+  Attachment floor;
+  floor.name = "floor";
+  floor.nodes = nodesWhere(block.mesh().mesh.nodes, [](const Vec3& p) { return p.z() < 1e-9; });
+  block.attach(floor);
+  world.add(std::move(block));
+  ASSERT_EQ(world.step({world.tool().state.handle.pose, Vec6::Zero()}, 0.033).status, StepStatus::ok);
+  const Body body = world.body(1);
+  std::vector<NodeSum> sums;
+  const auto nodes = nodesWhere(body.model.mesh().mesh.nodes, [](const Vec3& p) { return p.z() > 0.04 - 1e-9; });
+  for (std::size_t k = 0; k < 4; ++k) {
+    sums.push_back({static_cast<int>(3 * k), {{nodes[3 * k], 0.7}, {nodes[3 * k + 1], 0.3}}});
+  }
+  MatX whole = MatX::Zero(12, 12), rest = MatX::Zero(12, 12);
+  reducePartner(world, 1, {sums, {}, nullptr, nullptr, 0}, whole);
+  const PartnerModes modes = reducePartner(world, 1, {sums, {}, nullptr, nullptr, 6}, rest);
+  ASSERT_EQ(modes.squared_frequency.size(), 6);
+  const double s = material.massScale(0.033), e = body.system.stiffnessScale();
+  for (int k = 0; k < 6; ++k) {
+    rest += modes.shape.col(k) * modes.shape.col(k).transpose() / (modes.squared_frequency[k] + s / e);
+  }
+  EXPECT_LT((rest - whole).norm(), 1e-9 * whole.norm());
+
+  const VecX mass = freeMasses(body.model);
+  MatX k = MatX::Zero(mass.size(), mass.size());
+  for (Eigen::Index j = 0; j < k.cols(); ++j) k.col(j) = body.system.matrix().multiply(VecX::Unit(k.cols(), j));
+  k = (k - s * MatX(mass.asDiagonal())) / e;
+  const SymmetricEigen exact = symmetricEigen(k, MatX(mass.asDiagonal()));
+  for (int i = 0; i < 6; ++i) EXPECT_NEAR(modes.squared_frequency[i] / exact.values[i], 1.0, 0.02) << i;
+  // nothing but its weight moves it, which its stiffness has not taken up yet
+  const VecX pulled =
+      modes.basis.modes.transpose() * mass.asDiagonal() * Vec3(world.gravity).replicate(mass.size() / 3, 1);
+  EXPECT_GT(modes.force.norm(), 0.01 * pulled.norm());
+  EXPECT_LT(modes.force.norm(), 2.0 * pulled.norm());
+}
+
+// A rigid box: in the air it has all six motions, lying still none, sliding three and the friction that slows it down;
+// one more where two corners carry it.
+TEST(PartnerModes, ARigidBodyHasTheMotionsThatNothingHolds) {
+  for (const double speed : {0.0, 2.0}) {
+    for (const double height : {0.0, 2.0}) {
+      Material material;
+      World world;
+      BodyModel tool("tool", moved(barMesh({0.01, 0.01, 0.01}, {1, 1, 1}), {Vec3(0, 0, 3), Quat::Identity()}),
+                     material);
+      holdNodes(
+          tool, [](const Vec3& p) { return p.z() > 3.005; }, kPlainHandle);
+      world.obstacles = {ground()};
+      world.add(std::move(tool));
+      Vec6 velocity = Vec6::Zero();
+      velocity[0] = speed;
+      const Vec3 lift(0, 0, 0.0101 + height);
+      world.add(BodyModel::rigid("box", placed(boxSurface({0.04, 0.04, 0.02}), {lift, Quat::Identity()}), 1000, 0.3,
+                                 velocity));
+      for (int k = 0; k < 40; ++k) {
+        ASSERT_EQ(world.step({world.tool().state.handle.pose, Vec6::Zero()}, 0.01).status, StepStatus::ok);
+      }
+      const std::vector<NodeSum> sums{{0, {{0, 1.0}}}};
+      MatX w = MatX::Zero(3, 3);
+      const PartnerModes modes = reducePartner(world, 1, {sums, {}, nullptr, nullptr, 6}, w);
+      const Eigen::Index found = modes.squared_frequency.size();
+      if (height > 0) {
+        ASSERT_EQ(found, 6);
+      } else if (speed > 0) {
+        ASSERT_GE(found, 3);
+        ASSERT_LE(found, 4);
+      } else {
+        ASSERT_LE(found, 1);
+        continue;
+      }
+      EXPECT_LT(modes.squared_frequency.maxCoeff(), 1.0);
+      const VecX acceleration = modes.basis.modes * modes.force, motion = modes.basis.modes * modes.speed;
+      EXPECT_NEAR(motion[0], world.body(1).state.handle.twist[0], 1e-6);
+      EXPECT_NEAR(acceleration[0], height > 0 ? 0.0 : -0.5 * 9.81, 0.03);
+      EXPECT_NEAR(acceleration[2], height > 0 ? -9.81 : 0.0, 0.03);
+    }
+  }
 }
 
 }  // namespace

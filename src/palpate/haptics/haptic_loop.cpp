@@ -210,7 +210,7 @@ TickFlags HapticLoop::stepLive(const DeviceState& device) noexcept {
   const Vec6 slip = device.twist - twist;
   account_.earn(dt *
                 (link.damping * slip.head<3>().squaredNorm() + link.rotational_damping * slip.tail<3>().squaredNorm() +
-                 live.model.beta * live.state.speed.dot(live.model.squared_frequency.cwiseProduct(live.state.speed))));
+                 ((live.model.damping.array() - live.model.alpha).max(0.0) * live.state.speed.array().square()).sum()));
   const TickFlags flags = proxy_.move(twist, device, dt);
   if (!isFinite(live.state)) has_live_ = false;  // the next model begins anew
   return flags;

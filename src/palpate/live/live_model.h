@@ -16,7 +16,9 @@ struct PathPoint {
 
 /// Sizes of a live model: memory and work of a tick are bounded by them.
 struct LiveSize {
-  static constexpr int kModes = 16;
+  static constexpr int kToolModes = 16;
+  static constexpr int kPartnerModes = 12;  ///< of all bodies that the tool touches
+  static constexpr int kModes = kToolModes + kPartnerModes;
   static constexpr int kContacts = 16;
   static constexpr int kRows = 3 * kContacts;
   static constexpr int kSecond = 4;                           ///< modes with a second order
@@ -67,10 +69,15 @@ struct LiveModel {
   double alpha = 0, beta = 0;   ///< damping [1/s], [s]
   double elastic_energy = 0;    ///< at that time [J]
 
-  // modes: r entries each
-  ModalVector squared_frequency;                ///< w2 [1/s^2]
-  ModalVector force;                            ///< f1, elastic
-  ModalVector speed;                            ///< z' at that time
+  /// Torque of contact at that time beyond that of the model's merged contacts; about the handle's origin [N m].
+  Vec3 torque = Vec3::Zero();
+
+  // modes: r entries each, the tool's first, then those of bodies that it touches, which have neither coupling nor spin
+  int partner_modes = 0;          ///< of those
+  ModalVector squared_frequency;  ///< w2 [1/s^2]
+  ModalVector damping;            ///< alpha + beta w2, by the mode's own material [1/s]
+  ModalVector force;              ///< f1, elastic and what merged contacts leave out; a partner's weight too
+  ModalVector speed;              ///< z' at that time
   BoundedMatrix<6, LiveSize::kModes> coupling;  ///< Mbz
   /// Q^T M (w x (w x y)) = centrifugal (wx wx, wy wy, wz wz, wx wy, wx wz, wy wz).
   BoundedMatrix<LiveSize::kModes, 6> centrifugal;
@@ -97,6 +104,7 @@ struct LiveModel {
   BoundedMatrix<LiveSize::kRows, LiveSize::kPairs> curvature;  ///< Pc
 
   int modes() const { return static_cast<int>(squared_frequency.size()); }
+  int toolModes() const { return modes() - partner_modes; }
 };
 
 /// Where a live model is; all that it remembers.

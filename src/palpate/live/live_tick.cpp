@@ -71,12 +71,13 @@ bool isFinite(const LiveState& state) noexcept {
 }
 
 bool isFinite(const LiveModel& model) noexcept {
-  bool good = model.pose.allFinite() && model.twist.allFinite() && std::isfinite(model.mass) &&
-              model.moment.allFinite() && model.inertia.allFinite() && model.squared_frequency.allFinite() &&
-              model.force.allFinite() && model.speed.allFinite() && model.coupling.allFinite() &&
-              model.centrifugal.allFinite() && model.arm.allFinite() && model.shape.allFinite() &&
-              model.compliance.allFinite() && model.tool_compliance.allFinite() && model.damped_force.allFinite() &&
-              model.contact_force.allFinite() && model.curvature.allFinite();
+  bool good = model.damping.allFinite() && model.torque.allFinite() && model.pose.allFinite() &&
+              model.twist.allFinite() && std::isfinite(model.mass) && model.moment.allFinite() &&
+              model.inertia.allFinite() && model.squared_frequency.allFinite() && model.force.allFinite() &&
+              model.speed.allFinite() && model.coupling.allFinite() && model.centrifugal.allFinite() &&
+              model.arm.allFinite() && model.shape.allFinite() && model.compliance.allFinite() &&
+              model.tool_compliance.allFinite() && model.damped_force.allFinite() && model.contact_force.allFinite() &&
+              model.curvature.allFinite();
   for (int k = 0; k < 3; ++k) good = good && model.coriolis[k].allFinite() && model.coriolis_torque[k].allFinite();
   for (int i = 0; i < model.contacts; ++i) {
     const LiveSurface& s = model.surface[i];
@@ -96,7 +97,8 @@ void LiveTick::factorHandle(const LiveModel& model, const LiveTickInput& input) 
   a.block<3, 3>(3, 3).diagonal().array() += input.link.rotational_stiffness * input.dt + input.link.rotational_damping;
   a.bottomLeftCorner(r, 6) = rate * model.coupling.transpose();
   a.bottomRightCorner(r, r).setZero();
-  a.bottomRightCorner(r, r).diagonal() = (rate + (model.beta + input.dt) * model.squared_frequency.array()).matrix();
+  a.bottomRightCorner(r, r).diagonal() =
+      (1.0 / input.dt + model.damping.array() + input.dt * model.squared_frequency.array()).matrix();
   factor_.factor(a);
 }
 
@@ -117,7 +119,7 @@ void LiveTick::placeContacts(const LiveModel& model, const LiveState& state, con
   contacts_.facets = model.facets;
   shape_ = model.shape;
   RowVector bent = model.arm;
-  addProduct(1.0, model.shape, state.z.data(), bent.data());
+  addProduct(1.0, model.shape.leftCols(model.toolModes()), state.z.data(), bent.data());
   for (int i = 0, c = 0; i < q; ++i) {
     for (int j = i; j < q; ++j, ++c) {
       const auto curve = model.curvature.col(c);
@@ -128,6 +130,7 @@ void LiveTick::placeContacts(const LiveModel& model, const LiveState& state, con
   }
   const RowVector loaded = state.damped_force - model.damped_force;
   place_ = bent;
+  addProduct(1.0, model.shape.rightCols(model.partner_modes), state.z.data() + model.toolModes(), place_.data());
   addProduct(1.0, model.compliance, loaded.data(), place_.data());
   if (model.partners_yield) {
     addProduct(1.0, model.tool_compliance, loaded.data(), bent.data());
@@ -187,7 +190,7 @@ Vec6 LiveTick::step(const LiveModel& model, const LiveTickInput& input, const Po
   Vec3 flow = Vec3::Zero();
   addProduct(1.0, model.coupling.topRows<3>(), state.speed.data(), flow.data());
   b.segment<3>(0) += model.mass * g - w.cross(w.cross(model.moment)) - 2.0 * w.cross(flow);
-  b.segment<3>(3) += shifted.cross(g) - w.cross(model.inertia.bottomRightCorner<3, 3>() * w);
+  b.segment<3>(3) += model.torque + shifted.cross(g) - w.cross(model.inertia.bottomRightCorner<3, 3>() * w);
   for (int k = 0; k < 3; ++k) addProduct(-2.0 * w[k], model.coriolis_torque[k], state.speed.data(), b.data() + 3);
   ModalVector modal = model.force - model.squared_frequency.cwiseProduct(state.z);
   addTransposed(1.0, model.coupling.topRows<3>(), g.data(), modal.data());
@@ -233,7 +236,7 @@ void LiveTick::replay(const LiveModel& model, double dt, const Vec3& gravity, co
   const Mat3 rotation = from.pose.matrix(), rt = rotation.transpose();
   const Vec6 u = inFrame(rt, from.twist), next = inFrame(rt, to.twist);
   const Vec3 g = rt * gravity;
-  inverse_ = (1.0 / dt + model.alpha + (model.beta + dt) * model.squared_frequency.array()).inverse().matrix();
+  inverse_ = (1.0 / dt + model.damping.array() + dt * model.squared_frequency.array()).inverse().matrix();
   ModalVector modal = model.force - model.squared_frequency.cwiseProduct(state.z);
   addTransposed(1.0, model.coupling.topRows<3>(), g.data(), modal.data());
   const Vec6 pulled = (next - u) / dt + model.alpha * next;

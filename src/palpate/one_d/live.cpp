@@ -64,6 +64,7 @@ LiveModel LiveRun::modelOf(const ToolState& state, std::int64_t index) const {
   m.beta = p.spring_stiffness > 0 ? p.spring_damping / p.spring_stiffness : 0.0;
   m.elastic_energy = 0.5 * p.spring_stiffness * stretch * stretch;
   m.squared_frequency = ModalVector::Constant(1, std::max(p.spring_stiffness / p.tool_mass, 1.0));
+  m.damping = m.beta * m.squared_frequency;
   m.force = ModalVector::Constant(1, p.spring_stiffness * stretch / root);
   m.speed = ModalVector::Constant(1, root * (state.tool.v - state.handle.v));
   m.coupling.setZero(6, 1);

@@ -38,6 +38,41 @@ void takeTied(const World& world, const VecX& positions, std::vector<TouchPoint>
   }
 }
 
+// The forces of the last step on what is near, sorted by gap: that of the same features, or of the nearest ones that it
+// may have moved on to. What carries force and is not near is appended, as touching.
+std::vector<Vec3> forcesOn(const World& world, std::vector<Contact>& near) {
+  const ContactMemory& memory = world.state().contacts;
+  std::vector<Vec3> forces(near.size(), Vec3::Zero());
+  std::vector<char> given(near.size(), 0);
+  std::vector<std::size_t> left;
+  const auto forceOf = [&](std::size_t k) {
+    return Vec3(memory.loaded[k].frame().transpose() *
+                memory.loaded_force.segment<3>(static_cast<Eigen::Index>(3 * k)));
+  };
+  const auto give = [&](std::size_t k, auto same) {
+    for (std::size_t i = 0; i < given.size(); ++i) {
+      if (given[i] || !same(near[i])) continue;
+      given[i] = 1;
+      forces[i] = forceOf(k);
+      return true;
+    }
+    return false;
+  };
+  for (std::size_t k = 0; k < memory.loaded.size(); ++k) {
+    const Contact& c = memory.loaded[k];
+    if (c.glued() || (c.first.body != world.toolIndex() && c.second.body != world.toolIndex())) continue;
+    if (!give(k, [&](const Contact& n) { return n.key == c.key; })) left.push_back(k);
+  }
+  for (const std::size_t k : left) {
+    const Contact& c = memory.loaded[k];
+    if (give(k, [&](const Contact& n) { return n.track == c.track; })) continue;
+    near.push_back(c);
+    near.back().gap = 0;
+    forces.push_back(forceOf(k));
+  }
+  return forces;
+}
+
 // Points from `first` on, in at most so many clusters; see clusterTouchPoints().
 void appendClusters(const std::vector<TouchPoint>& points, int first, int end, int most,
                     std::vector<TouchCluster>& out) {
@@ -114,48 +149,36 @@ std::vector<TouchPoint> findTouchPoints(World& world, const VecX& positions, con
   std::vector<Contact> near;
   world.nearby({positions, speeds}, margin + lookahead * fastest, ahead, near);
 
-  // each force belongs to the nearest of the contacts that it may be of
   std::sort(near.begin(), near.end(),
             [](const Contact& a, const Contact& b) { return std::pair(a.gap, a.key) < std::pair(b.gap, b.key); });
-  const ContactMemory& memory = world.state().contacts;
-  std::vector<std::uint64_t> given;
-  const auto positionsOf = [&](int body) -> const VecX& {
-    return body == tool ? positions : world.body(body).state.positions;
-  };
+  const std::vector<Vec3> forces = forcesOn(world, near);
   const auto speedsOf = [&](int body) -> const VecX& {
     return body == tool ? speeds : world.body(body).state.velocities;
   };
+  const VecX correction = positions - world.body(tool).state.positions;
   std::vector<TouchPoint> out;
   takeTied(world, positions, out);
-  const auto take = [&](const Contact& found, double gap) {
+  const auto take = [&](const Contact& found, const Vec3& force) {
     if (found.first.body != tool && found.second.body != tool) return;
     TouchPoint p;
     const bool second = found.first.body != tool;
     p.contact = second ? turnedAround(found) : found;
     p.internal = p.contact.second.body == tool;
-    p.gap = gap;
+    p.gap = found.gap;
     p.place = p.contact.first.at(positions);
-    const ContactMemory::Force* force = memory.find(found.track);
-    if (force != nullptr && std::find(given.begin(), given.end(), found.track) == given.end()) {
-      given.push_back(found.track);
-      p.force = second ? Vec3(-force->force) : force->force;
-    }
+    p.force = second ? Vec3(-force) : force;
     Vec3 closing = p.contact.first.at(speeds);
     if (p.contact.second.body >= 0) closing -= p.contact.second.at(speedsOf(p.contact.second.body));
-    const bool soon = gap + lookahead * std::min(0.0, p.contact.normal.dot(closing)) < margin;
+    // what carries nothing although it is nearer than contact keeps apart, the step lets be: only a correction counts
+    if (p.force.isZero(0.0)) {
+      Vec3 way = p.contact.first.at(correction);
+      if (p.internal) way -= p.contact.second.at(correction);
+      p.gap -= std::min(0.0, p.gap - p.contact.normal.dot(way));
+    }
+    const bool soon = p.gap + lookahead * std::min(0.0, p.contact.normal.dot(closing)) < margin;
     if (soon || !p.force.isZero(0.0)) out.push_back(p);
   };
-  for (const Contact& c : near) take(c, c.gap);
-  for (const Contact& c : memory.loaded) {
-    if (c.glued()) continue;
-    if (c.first.body != tool && c.second.body != tool) continue;
-    if (std::find(given.begin(), given.end(), c.track) != given.end()) continue;
-    double gap = 0;
-    if (c.second.body >= 0) {
-      gap = c.normal.dot(c.first.at(positionsOf(c.first.body)) - c.second.at(positionsOf(c.second.body))) - c.thickness;
-    }
-    take(c, gap);
-  }
+  for (std::size_t k = 0; k < near.size(); ++k) take(near[k], forces[k]);
   return out;
 }
 

@@ -4,7 +4,8 @@ namespace palpate {
 
 /// How a live model is made (docs/live.md).
 struct LiveSettings {
-  int modes = 12;            ///< r, at most LiveSize::kModes
+  int modes = 12;            ///< r, at most LiveSize::kToolModes
+  int partner_modes = 6;     ///< of each body that the tool touches; of all at most LiveSize::kPartnerModes
   int contacts = 16;         ///< at most LiveSize::kContacts
   int second_order = 0;      ///< q, at most LiveSize::kSecond
   double horizon = 0.033;    ///< H is this or the visual step, whichever is longer [s]

@@ -8,8 +8,8 @@
 #include "palpate/math/decompositions.h"
 #include "palpate/math/rotation.h"
 #include "palpate/math/segment.h"
-#include "palpate/reduction/partner_compliance.h"
-#include "palpate/reduction/tool_modes.h"
+#include "palpate/reduction/modes.h"
+#include "palpate/reduction/partner_reduction.h"
 
 namespace palpate {
 namespace {
@@ -18,6 +18,11 @@ constexpr double kLeastCompliance = 1e-7, kMostShift = 1.0;  // [m/N]
 constexpr double kMostFacet = 0.1;                           // [rad]: by which a point's normal is turned
 constexpr double kMostRise = 1e-3;                           // [m]
 
+const BodyCorrection* correctionOf(const std::vector<BodyCorrection>& corrections, int body) {
+  const auto it = std::find_if(corrections.begin(), corrections.end(), [&](const auto& c) { return c.body == body; });
+  return it == corrections.end() ? nullptr : &*it;
+}
+
 Mat6 pointInertia(double mass, const Vec3& place) {
   Eigen::Matrix<double, 3, 6> g;
   g << Mat3::Identity(), -skew(place);
@@ -25,6 +30,18 @@ Mat6 pointInertia(double mass, const Vec3& place) {
 }
 
 double horizonOf(const LiveSettings& settings, double step) { return std::max(settings.horizon, step); }
+
+// Of the damped force of a point's track, shared out among those points of it that carry force.
+Vec3 dampedShare(const DampedForces& damped, const std::vector<TouchPoint>& points, const TouchPoint& point) {
+  const double own = point.force.norm();
+  if (own == 0) return Vec3::Zero();
+  const auto found =
+      std::find_if(damped.begin(), damped.end(), [&](const auto& d) { return d.first == point.contact.track; });
+  if (found == damped.end()) return Vec3::Zero();
+  double all = 0;
+  for (const TouchPoint& p : points) all += p.contact.track == point.contact.track ? p.force.norm() : 0.0;
+  return own / all * found->second;
+}
 
 // Spheres and capsules give their normals anew in each tick. Their gap at this place is the contact's, whose surface is
 // of triangles and keeps its distance.
@@ -190,7 +207,69 @@ void ToolReduction::addInertia(const World& world, const Input& input, const Liv
   model.force = basis.modes.transpose() * force;
 }
 
-void ToolReduction::addContacts(World& world, const LiveSettings& settings, const Input& input, const LiveBasis& basis,
+namespace {
+
+void appendTo(ModalVector& all, const VecX& more) {
+  const Eigen::Index r = all.size();
+  all.conservativeResize(r + more.size());
+  all.tail(more.size()) = more;
+}
+
+// One more column for each mode of another body, which has neither inertia with the handle nor spin.
+void widen(LiveModel& model, Eigen::Index more) {
+  const Eigen::Index r = model.coupling.cols(), all = r + more;
+  const auto grow = [](auto& matrix, Eigen::Index rows, Eigen::Index columns) {
+    const auto before = matrix.eval();
+    matrix.setZero(rows, columns);
+    matrix.topLeftCorner(before.rows(), before.cols()) = before;
+  };
+  grow(model.coupling, 6, all);
+  grow(model.centrifugal, all, 6);
+  grow(model.shape, model.shape.rows(), all);
+  for (int k = 0; k < 3; ++k) {
+    grow(model.coriolis[k], all, all);
+    grow(model.coriolis_torque[k], 3, all);
+  }
+}
+
+}  // namespace
+
+// What the touched bodies give way, in the world's frame, and their lowest modes.
+void ToolReduction::addPartners(World& world, const LiveSettings& settings, const Input& input,
+                                const std::vector<TouchedBody>& touched, LiveBasis& basis, LiveModel& model,
+                                MatX& others) {
+  const Mat3 rt = world.tool().state.handle.pose.matrix().transpose();
+  int left = LiveSize::kPartnerModes;
+  auto waiting = std::count_if(touched.begin(), touched.end(), [](const auto& t) { return !t.sums.empty(); });
+  for (int b = 0; b < world.bodies(); ++b) {
+    const std::vector<NodeSum>& own = touched[static_cast<std::size_t>(b)].sums;
+    if (own.empty()) continue;
+    model.partners_yield = true;
+    PartnerInput partner{own, touched[static_cast<std::size_t>(b)].loads, correctionOf(input.corrections, b), nullptr,
+                         0};
+    partner.modes = std::min<int>(settings.partner_modes, left / static_cast<int>(waiting--));
+    for (const PartnerBasis& p : input.partners) {
+      if (p.body == b) partner.start = &p.modes;
+    }
+    PartnerModes modes = reducePartner(world, b, partner, others);
+    const Eigen::Index r = modes.squared_frequency.size();
+    if (r == 0) continue;
+    left -= static_cast<int>(r);
+    widen(model, r);
+    for (std::size_t k = 0; k < own.size(); ++k) {
+      model.shape.middleRows<3>(own[k].row).rightCols(r) =
+          rt * modes.shape.middleRows<3>(static_cast<Eigen::Index>(3 * k));
+    }
+    appendTo(model.squared_frequency, modes.squared_frequency);
+    appendTo(model.damping, modes.damping);
+    appendTo(model.force, modes.force - model.shape.rightCols(r).transpose() * model.contact_force);
+    appendTo(model.speed, modes.speed);
+    model.partner_modes += static_cast<int>(r);
+    basis.partners.push_back(std::move(modes.basis));
+  }
+}
+
+void ToolReduction::addContacts(World& world, const LiveSettings& settings, const Input& input, LiveBasis& basis,
                                 LiveModel& model) {
   const Body tool = world.tool();
   const Pose& pose = tool.state.handle.pose;
@@ -216,7 +295,27 @@ void ToolReduction::addContacts(World& world, const LiveSettings& settings, cons
   model.damped_force.setZero(3 * m);
   model.contact_force.setZero(3 * m);
   columns_.clear();
-  std::vector<std::vector<NodeSum>> partners(static_cast<std::size_t>(world.bodies()));
+  std::vector<TouchedBody> partners(static_cast<std::size_t>(world.bodies()));
+  VecX loads = VecX::Zero(3 * tool.model.freeNodes());  // of contact as it is
+  RowVector merged = RowVector::Zero(3 * m);            // the same as the model has it
+  const auto addLoad = [&](const ContactPoint& point, const Vec3& force) {
+    for (int k = 0; k < point.count; ++k) {
+      const int row = tool.model.row()[point.node[k]];
+      if (row >= 0) loads.segment<3>(3 * row) += point.weight[k] * force;
+      model.torque += point.weight[k] * Vec3(positions_.segment<3>(3 * point.node[k])).cross(force);
+    }
+  };
+  const auto addLoads = [&](const TouchPoint& p) {
+    if (p.force.isZero(0.0)) return;
+    addLoad(p.contact.first, rt * p.force);
+    if (p.internal) addLoad(p.contact.second, -(rt * p.force));
+    if (p.internal || p.contact.second.body < 0) return;
+    NodeSum sum;
+    for (int k = 0; k < p.contact.second.count; ++k) {
+      sum.nodes.emplace_back(p.contact.second.node[k], -p.contact.second.weight[k]);
+    }
+    partners[static_cast<std::size_t>(p.contact.second.body)].loads.emplace_back(std::move(sum), p.force);
+  };
   for (std::size_t g = 0; g < clusters.size(); ++g) {
     const auto at = static_cast<Eigen::Index>(3 * g);
     LiveSurface& surface = model.surface[g];
@@ -244,12 +343,15 @@ void ToolReduction::addContacts(World& world, const LiveSettings& settings, cons
                                : Vec3(p.place - p.gap * p.contact.normal));
       friction += weight * p.contact.friction;
       model.contact_force.segment<3>(at) += rt * p.force;
-      for (const auto& [track, force] : input.damped) {
-        if (track == p.contact.track && !p.force.isZero(0.0)) model.damped_force.segment<3>(at) += force;
-      }
+      model.damped_force.segment<3>(at) += dampedShare(input.damped, points, p);
       if (p.internal || p.contact.second.body < 0) continue;
+      const BodyCorrection* correction = correctionOf(input.corrections, p.contact.second.body);
       for (int k = 0; k < p.contact.second.count; ++k) {
-        partner.nodes.emplace_back(p.contact.second.node[k], -weight * p.contact.second.weight[k]);
+        const int node = p.contact.second.node[k];
+        const double share = weight * p.contact.second.weight[k];
+        partner.nodes.emplace_back(node, -share);
+        const int row = world.body(p.contact.second.body).model.row()[node];
+        if (correction != nullptr && row >= 0) foot += share * correction->shift.segment<3>(3 * row);
       }
     }
     columns_.close();
@@ -266,15 +368,25 @@ void ToolReduction::addContacts(World& world, const LiveSettings& settings, cons
         model.arm.segment<3>(at) += rt * (place - before);
       }
     }
+    // bent planes know better than the step, whose forces are those of facets
+    if (surface.bend.isZero(0.0)) {
+      merged.segment<3>(at) = model.contact_force.segment<3>(at);
+      for (const auto& [index, weight] : clusters[g]) addLoads(points[static_cast<std::size_t>(index)]);
+    }
     if (first.internal) {
       surface.kind = LiveSurface::Kind::internal;
       surface.normal = (rt * surface.normal).eval();
       surface.offset = surface.normal.dot(model.arm.segment<3>(at)) - first.gap;
     } else if (first.contact.second.body >= 0) {
-      partners[static_cast<std::size_t>(first.contact.second.body)].push_back(std::move(partner));
+      partners[static_cast<std::size_t>(first.contact.second.body)].sums.push_back(std::move(partner));
     }
   }
   model.shape = atContacts(basis.modes);
+  // what the merged contacts' forces leave out of those that they stand for
+  model.force += basis.modes.transpose() * loads - model.shape.transpose() * merged;
+  for (Eigen::Index i = 0; i < m; ++i) {
+    model.torque -= Vec3(model.arm.segment<3>(3 * i)).cross(Vec3(merged.segment<3>(3 * i)));
+  }
   MatX w(3 * m, 3 * m);
   w.setZero();
   if (m > 0 && tool.model.freeNodes() > 0) factor_->gram(columns_, w);
@@ -285,12 +397,7 @@ void ToolReduction::addContacts(World& world, const LiveSettings& settings, cons
   model.tool_compliance = w;
   model.partners_yield = false;
   MatX others = MatX::Zero(3 * m, 3 * m);
-  for (int b = 0; b < world.bodies(); ++b) {
-    if (!partners[static_cast<std::size_t>(b)].empty()) {
-      model.partners_yield = true;
-      addPartnerCompliance(world, b, partners[static_cast<std::size_t>(b)], others);
-    }
-  }
+  addPartners(world, settings, input, partners, basis, model, others);
   for (Eigen::Index i = 0; i < m; ++i) {
     for (Eigen::Index j = 0; j < m; ++j) {
       w.block<3, 3>(3 * i, 3 * j) += rt * others.block<3, 3>(3 * i, 3 * j) * rotation;
@@ -366,7 +473,7 @@ MatX ToolReduction::secondDifferences(const BodyModel& tool, const LiveBasis& ba
 
 void ToolReduction::addCurvature(const World& world, const LiveSettings& settings, const LiveBasis& basis,
                                  LiveModel& model) {
-  const int count = std::min({settings.second_order, LiveSize::kSecond, model.modes()});
+  const int count = std::min({settings.second_order, LiveSize::kSecond, static_cast<int>(basis.modes.cols())});
   model.second = model.contacts > 0 ? std::max(count, 0) : 0;
   if (model.second == 0) {
     model.curvature.resize(3 * model.contacts, 0);
@@ -377,7 +484,7 @@ void ToolReduction::addCurvature(const World& world, const LiveSettings& setting
   factor_->solve(response);
   response *= e_;
   const MatX modal = basis.modes.transpose() * forces;
-  for (int k = 0; k < model.modes(); ++k) {
+  for (int k = 0; k < basis.modes.cols(); ++k) {
     response -= basis.modes.col(k) * (modal.row(k) / (model.squared_frequency[k] + mass_scale_ / e_));
   }
   model.curvature = atContacts(response);
@@ -397,13 +504,17 @@ LiveModel ToolReduction::reduce(World& world, const LiveSettings& settings, cons
     model.mass = std::numeric_limits<double>::quiet_NaN();
     return model;
   }
-  const ToolModes modes =
-      findModes(*factor_, mass_, input.start, std::clamp(settings.modes, 0, LiveSize::kModes), mass_scale_, e_);
+  const int wanted = std::clamp(settings.modes, 0, LiveSize::kToolModes);
+  const Modes modes = findModes({mass_.size(), mass_scale_, e_, [&](MatX& columns) { factor_->solve(columns); },
+                                 [&](const MatX& columns) { return MatX(mass_.asDiagonal() * columns); }},
+                                input.start, wanted);
   // what the subspace iteration has beyond the wanted modes only helps it on
-  const Eigen::Index r = std::min<Eigen::Index>(std::clamp(settings.modes, 0, LiveSize::kModes), modes.shapes.cols());
+  const Eigen::Index r = std::min<Eigen::Index>(wanted, modes.shapes.cols());
   basis.modes = modes.shapes.leftCols(r);
   basis.places = input.shape.places;
+  basis.partners.clear();
   model.squared_frequency = modes.squared_frequency.head(r);
+  model.damping = (model.alpha + model.beta * model.squared_frequency.array()).matrix();
   addInertia(world, input, basis, model);
   addContacts(world, settings, input, basis, model);
   addCurvature(world, settings, basis, model);
@@ -414,18 +525,22 @@ void dampForces(const World& world, double h, DampedForces& damped) {
   const Body tool = world.tool();
   const Mat3 rt = tool.state.handle.pose.matrix().transpose();
   const double share = h / (tool.model.elasticity().material().damping_beta + h);
-  DampedForces next;
+  DampedForces next;  // of each track all of now, then damped
   const ContactMemory& memory = world.state().contacts;
-  for (const Contact& c : memory.loaded) {
+  for (std::size_t k = 0; k < memory.loaded.size(); ++k) {
+    const Contact& c = memory.loaded[k];
     const bool first = c.first.body == world.toolIndex();
     if (!first && c.second.body != world.toolIndex()) continue;
-    const ContactMemory::Force* force = memory.find(c.track);
-    if (force == nullptr) continue;
-    if (std::any_of(next.begin(), next.end(), [&](const auto& d) { return d.first == c.track; })) continue;
-    const auto before = std::find_if(damped.begin(), damped.end(), [&](const auto& d) { return d.first == c.track; });
+    const Vec3 force = c.frame().transpose() * memory.loaded_force.segment<3>(static_cast<Eigen::Index>(3 * k));
+    const auto same = std::find_if(next.begin(), next.end(), [&](const auto& d) { return d.first == c.track; });
+    Vec3& sum = same != next.end() ? same->second : next.emplace_back(c.track, Vec3::Zero()).second;
+    sum += rt * (first ? force : Vec3(-force));
+  }
+  for (auto& [track, force] : next) {
+    const std::uint64_t wanted = track;
+    const auto before = std::find_if(damped.begin(), damped.end(), [&](const auto& d) { return d.first == wanted; });
     const Vec3 old = before == damped.end() ? Vec3(Vec3::Zero()) : before->second;
-    const Vec3 now = rt * (first ? force->force : Vec3(-force->force));
-    next.emplace_back(c.track, old + share * (now - old));
+    force = old + share * (force - old);
   }
   damped = std::move(next);
 }

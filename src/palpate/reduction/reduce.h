@@ -8,6 +8,7 @@
 #include "palpate/live/live_model.h"
 #include "palpate/reduction/contact_clusters.h"
 #include "palpate/reduction/live_settings.h"
+#include "palpate/reduction/partner_reduction.h"
 #include "palpate/simulation/world.h"
 
 namespace palpate {
@@ -22,8 +23,9 @@ VecX freeMasses(const BodyModel& tool);
 
 /// What a model was made of; projects later states of the same tool on its modes.
 struct LiveBasis {
-  MatX modes;   ///< Q, handle's frame, [3 free x r]
-  VecX places;  ///< y1
+  MatX modes;                            ///< Q, handle's frame, [3 free x r]
+  VecX places;                           ///< y1
+  std::vector<PartnerBasis> partners{};  ///< in the order of their modes in the model
 
   /// Q^T M of a field on the free nodes.
   VecX project(const VecX& mass, const VecX& field) const { return modes.transpose() * mass.cwiseProduct(field); }
@@ -32,14 +34,22 @@ struct LiveBasis {
 /// Force at a contact as the tool's damping lets it through, by the contact's track; handle's frame [N].
 using DampedForces = std::vector<std::pair<std::uint64_t, Vec3>>;
 
+/// What the tool touches of another body: its rows of the model's contacts, and the forces as they are.
+struct TouchedBody {
+  std::vector<NodeSum> sums;
+  std::vector<std::pair<NodeSum, Vec3>> loads;
+};
+
 /// Makes live models of a world's tool (docs/live.md, a visual step, 4). Workspace only.
 class ToolReduction {
  public:
   struct Input {
     const ToolShape& shape;  ///< to be linearized about, corrections included
     const DampedForces& damped;
-    const MatX& start;  ///< modes to begin with, or empty
-    double step;        ///< of the visual loop [s]
+    const MatX& start;                               ///< modes to begin with, or empty
+    double step;                                     ///< of the visual loop [s]
+    const std::vector<PartnerBasis>& partners;       ///< to begin with
+    const std::vector<BodyCorrection>& corrections;  ///< that the next step brings into other bodies
   };
   /// @returns the model; its index and time are the caller's. Not finite where the tool has no factor.
   LiveModel reduce(World& world, const LiveSettings& settings, const Input& input, LiveBasis& basis);
@@ -50,8 +60,9 @@ class ToolReduction {
  private:
   bool factorize(World& world, const LiveSettings& settings, const Input& input, LiveModel& model);
   void addInertia(const World& world, const Input& input, const LiveBasis& basis, LiveModel& model) const;
-  void addContacts(World& world, const LiveSettings& settings, const Input& input, const LiveBasis& basis,
-                   LiveModel& model);
+  void addContacts(World& world, const LiveSettings& settings, const Input& input, LiveBasis& basis, LiveModel& model);
+  void addPartners(World& world, const LiveSettings& settings, const Input& input,
+                   const std::vector<TouchedBody>& touched, LiveBasis& basis, LiveModel& model, MatX& others);
   void addCurvature(const World& world, const LiveSettings& settings, const LiveBasis& basis, LiveModel& model);
   MatX atContacts(const MatX& field) const;
   MatX secondDifferences(const BodyModel& tool, const LiveBasis& basis, int count) const;

@@ -135,7 +135,8 @@ void readVisualStep(const Value& value, SceneConfig& config) {
 }
 
 void readLive(const Value& value, LiveSettings& live) {
-  value.fields({integerField("modes", live.modes, 0, LiveSize::kModes),
+  value.fields({integerField("modes", live.modes, 0, LiveSize::kToolModes),
+                integerField("partner_modes", live.partner_modes, 0, LiveSize::kPartnerModes),
                 integerField("contacts", live.contacts, 1, LiveSize::kContacts),
                 integerField("second_order", live.second_order, 0, LiveSize::kSecond),
                 numberField("horizon", live.horizon, Range::positive(10.0, "s")),

@@ -14,10 +14,11 @@ BodySystem::BodySystem(const BodyModel& model) : model_(&model), a_(model.patter
   trailing_.assign(model.nodes(), -1);
 }
 
-void BodySystem::assemble(const StepInput& input, BodyState& state) {
+void BodySystem::assemble(const StepInput& input, BodyState& state, const BodyCorrection* correction) {
   const ElasticMesh& fem = model_->elasticity();
   state_ = &state;
   input_ = input;
+  correction_ = correction != nullptr ? *correction : BodyCorrection{};
   const double h = input.step;
   c_ = fem.material().stiffnessScale(h);
   x0_ = state.positions;
@@ -25,8 +26,9 @@ void BodySystem::assemble(const StepInput& input, BodyState& state) {
   start_ = state.handle;
   if (!model_->attachments().empty()) anchors_ = model_->anchors(input.end_time);
   if (follows()) moveRigidly();
+  if (corrected()) shiftNodes();
   turned_ = follows() && prepared_.ready && prepared_.step == h && prepared_.elastic.isFor(places_);
-  const VecX& x = follows() ? moved_ : x0_;
+  const VecX& x = displaced() ? moved_ : x0_;
   if (turned_) {
     takePrepared();
   } else if (ahead_.isFor(x)) {
@@ -148,9 +150,26 @@ void BodySystem::moveRigidly() {
   }
 }
 
+// The free nodes by a correction.
+void BodySystem::shiftNodes() {
+  moved_ = x0_;
+  carried_ = correction_.shift / input_.step;
+  for (int r = 0; r < model_->freeNodes(); ++r) {
+    const int i = model_->free()[r];
+    moved_.segment<3>(3 * i) += correction_.shift.segment<3>(3 * r);
+    v0_.segment<3>(3 * i) += correction_.velocity.segment<3>(3 * r);
+  }
+}
+
+const VecX& BodySystem::forcesAhead(const VecX& positions, const BodyState& state) {
+  if (!ahead_.isFor(positions)) model_->elasticity().energyAt(positions, state.elastic, ahead_);
+  return ahead_.forces;
+}
+
 void BodySystem::assembleRightSides() {
   const double h = input_.step;
   const int columns = model_->framed() ? 7 : 1;
+  const VecX& x = displaced() ? moved_ : x0_;
   rhs_.resize(3 * model_->freeNodes(), columns);
   for (int r = 0; r < model_->freeNodes(); ++r) {
     const int i = model_->free()[r];
@@ -159,7 +178,9 @@ void BodySystem::assembleRightSides() {
         m * v0_.segment<3>(3 * i) + h * (f_.segment<3>(3 * i) + m * input_.gravity);
     if (model_->springStiffness().size() > 0) {
       rhs_.col(columns - 1).segment<3>(3 * r) -=
-          h * model_->springStiffness()[i] * (x0_.segment<3>(3 * i) - anchors_.segment<3>(3 * i));
+          h * model_->springStiffness()[i] * (x.segment<3>(3 * i) - anchors_.segment<3>(3 * i));
+      if (follows())
+        rhs_.col(columns - 1).segment<3>(3 * r) -= h * model_->springDamping()[i] * carried_.segment<3>(3 * r);
     }
     if (follows()) {
       rhs_.col(columns - 1).segment<3>(3 * r) -=
@@ -431,6 +452,7 @@ void BodySystem::solveFree() {
   if (!model_->free().empty()) solve(solution_);
   if (!model_->framed()) {
     v_free_ = solution_.col(0);
+    if (corrected()) v_free_ += carried_;
   } else {
     // X^T b = A_th^T A_tt^-1 b, so one solve for all seven columns is enough
     x_th_ = solution_.leftCols(6);
@@ -521,11 +543,14 @@ double BodySystem::attachmentWork() const {
 }
 
 double BodySystem::correctionEnergy(double elastic) {
+  if (corrected()) return shiftEnergy(elastic);
+  if (!follows()) return 0;
   const FollowedHandle& followed = input_.followed;
   double energy = 0;
   if (followed.shift.size() > 0) {
     ElasticAhead scratch;
-    energy = (turned_ ? prepared_.energy : model_->elasticity().energyAt(moved_, state_->elastic, scratch)) - elastic;
+    energy = (turned_ ? prepared_.energy : model_->elasticity().energyAt(moved_, state_->elastic, scratch)) -
+             (elastic - springEnergyAt(x0_));
     // gravity's work is counted along the whole way, of which the shift is no motion
     const Vec3 down = followed.end.pose.rotation.conjugate() * input_.gravity;
     for (int r = 0; r < model_->freeNodes(); ++r) {
@@ -538,6 +563,24 @@ double BodySystem::correctionEnergy(double elastic) {
     const int i = model_->free()[r];
     const Vec3 before = start_velocities_.segment<3>(3 * i), more = turn * followed.velocity.segment<3>(3 * r);
     energy += model_->elasticity().mass()[i] * (before + 0.5 * more).dot(more);
+  }
+  return energy;
+}
+
+// Of springs to the world at the start of the step.
+double BodySystem::springEnergyAt(const VecX& x) const {
+  return model_->springStiffness().size() > 0 ? model_->springEnergy(x, model_->anchors(input_.end_time - input_.step))
+                                              : 0.0;
+}
+
+double BodySystem::shiftEnergy(double elastic) const {
+  ElasticAhead scratch;
+  double energy = model_->elasticity().energyAt(moved_, state_->elastic, scratch) + springEnergyAt(moved_) - elastic;
+  for (int r = 0; r < model_->freeNodes(); ++r) {
+    const int i = model_->free()[r];
+    const Vec3 before = start_velocities_.segment<3>(3 * i), more = correction_.velocity.segment<3>(3 * r);
+    energy += model_->elasticity().mass()[i] *
+              ((before + 0.5 * more).dot(more) - input_.gravity.dot(correction_.shift.segment<3>(3 * r)));
   }
   return energy;
 }
@@ -563,6 +606,7 @@ bool BodySystem::advance() {
   for (int r = 0; r < model_->freeNodes(); ++r) {
     Vec3 v = v_end_.segment<3>(3 * r);
     // a correction is no motion
+    if (corrected()) v -= carried_.segment<3>(3 * r);
     if (shifted) v -= input_.followed.end.pose.rotation * input_.followed.shift.segment<3>(3 * r) / input_.step;
     state.velocities.segment<3>(3 * model_->free()[r]) = v;
   }

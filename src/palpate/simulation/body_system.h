@@ -23,6 +23,7 @@ struct FollowedHandle {
   /// Of the free nodes, handle's frame, 3 a free node, or empty: displacement that the step makes besides, and what is
   /// added to the velocities at its start. [m], [m/s]
   VecX shift, velocity;
+  std::vector<BodyCorrection> others{};  ///< of the world's other bodies
 };
 
 /// The elastic part of a step in which the handle follows a path, found ahead of it: of places in the handle's frame,
@@ -62,6 +63,8 @@ struct StepInput {
 /// body; the unknowns are velocities against that motion, v_r, and the handle is so heavy that it stays on its path
 /// unless contact stops it:
 ///     A_tt (v - v_r) = M (v0 - v_r) + h (f + m g - alpha M v_r) + J_t^T lambda
+/// A body that follows nothing and is corrected by a shift d: the same with v_r = d / h, which is no motion,
+///     A_tt (v - v_r) = M v0 + h (f + m g) + J_t^T lambda
 /// A_tt may then have been prepared, in the handle's frame: what goes into its factor and comes out of it is turned.
 class BodySystem {
  public:
@@ -75,11 +78,14 @@ class BodySystem {
   /// @returns false if A_tt is not positive definite or not finite
   bool prepareFollowing(const VecX& places, const BodyState& state, double step);
   const PreparedFollowing& prepared() const { return prepared_; }
+  /// Elastic forces at these positions of all nodes [N], which a step that starts there need not find again.
+  const VecX& forcesAhead(const VecX& positions, const BodyState& state);
 
   // --- one step, in this order
   /// Rotations, forces, system; no factorization yet. Renews the state's element rotations.
   /// @param state  at the start of the step; must stay where it is until advance()
-  void assemble(const StepInput& input, BodyState& state);
+  /// @param correction  that the step brings, of a body that follows no path
+  void assemble(const StepInput& input, BodyState& state, const BodyCorrection* correction = nullptr);
   /// Whether the factor's order still suits contact on these nodes: it has them last, and not for long far too many
   /// others; or it suits contact anywhere, and there has not been far less of it for long.
   bool contactNodesFit(const std::vector<int>& needed);
@@ -212,7 +218,11 @@ class BodySystem {
   /// Where the attached nodes are in the positions that A is of.
   const Pose& grip() const { return follows() ? input_.followed.end.pose : start_.pose; }
   bool follows() const { return model_->held() && input_.followed.on; }
+  bool corrected() const { return correction_.shift.size() > 0; }
+  /// Whether A is of other positions than the start's.
+  bool displaced() const { return follows() || corrected(); }
   void moveRigidly();
+  void shiftNodes();
   void takePrepared();
   void assembleMatrix(double step, const ElasticState& elastic);
   void addSprings(double step);
@@ -228,6 +238,8 @@ class BodySystem {
   VecX besideFixed(Velocity velocity) const;
   std::vector<std::vector<Vec3>> nodeAttachmentForces() const;
   Vec3 startMiddle(const Attachment& attachment) const;
+  double springEnergyAt(const VecX& x) const;
+  double shiftEnergy(double elastic) const;
   void addLink(Vec6& wrench);
   Eigen::Matrix<double, 3, 6> attachedJacobian(const ContactPoint& point) const;
   void nodeVelocity(const ContactPoint& point, const VecX& v, const Vec6& u, Vec3& out) const;
@@ -245,9 +257,11 @@ class BodySystem {
   BodyState* state_ = nullptr;  // of the present step
 
   StepInput input_;
+  BodyCorrection correction_;  // none: empty
   double c_ = 0;
   VecX x0_, start_velocities_, v0_, f_;  // v0: against v_r where the handle follows a path
-  VecX moved_, carried_;  // followed handle: positions that A is of; v_r and the shift's velocity, of the free nodes
+  VecX moved_, carried_;  // followed handle or correction: positions that A is of; v_r and the shift's velocity, of the
+                          // free nodes
   VecX places_;           // moved_ in the handle's frame
   PreparedFollowing prepared_;
   bool turned_ = false;        // A_tt and its factor are those prepared

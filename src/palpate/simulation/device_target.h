@@ -22,12 +22,20 @@ inline DeviceTarget between(const DeviceTarget& from, const DeviceTarget& to, do
   return {advance(from.pose, share * way), (1.0 - share) * from.twist + share * to.twist};
 }
 
+/// Of a body that nothing leads: a displacement of the free nodes that the next step makes besides, and what is added
+/// to their velocities at its start; world frame, 3 a free node. [m], [m/s]
+struct BodyCorrection {
+  int body = -1;
+  VecX shift, velocity;
+};
+
 /// What the tool's handle does during a step instead of being pulled: it follows recorded states.
 struct ToolPath {
   std::vector<HandleState> points;  ///< at equal intervals, the first at the start of the step, the last at its end
   /// Corrections of the tool's free nodes, handle's frame, 3 a free node, or empty: a displacement that the step makes
   /// besides, and what is added to the velocities at its start. [m], [m/s]
   VecX shift, velocity;
+  std::vector<BodyCorrection> others{};  ///< the same of other bodies
   /// A tool that resists with more than this is not led through [N].
   double largest_force = std::numeric_limits<double>::infinity();
 

@@ -180,7 +180,9 @@ void World::beginBody(int i, const StepInput& input, BodyBegin& begin) {
   begin.times = {};
   {
     const ScopedTimer timer(begin.times.assemble);
-    body.assemble(input, state_.bodies[i]);
+    const auto& others = input.followed.others;
+    const auto own = std::find_if(others.begin(), others.end(), [&](const auto& c) { return c.body == i; });
+    body.assemble(input, state_.bodies[i], own == others.end() ? nullptr : &*own);
   }
   {
     const ScopedTimer timer(begin.times.factorize);
@@ -312,13 +314,15 @@ constexpr double kFollowingFloor = 1e-3;
 bool World::tryStep(const StepInput& input, double share, bool last, StepReport& report) {
   if (!last) contacts_before_ = state_.contacts;
   const double before = energy_;
-  const double tool_before = input.followed.on ? elastic_[tool_] : 0;
+  if (input.followed.on) elastic_before_ = elastic_;
   report = last ? stepBodies(all(), input, Ending::held) : stepBodies(all(), input, Ending::free, kTryShare);
   if (!last && report.failed()) {
     std::swap(state_.contacts, contacts_before_);
     return false;
   }
-  if (input.followed.on) report.energy_corrected = systems_[tool_]->correctionEnergy(tool_before);
+  for (int i = 0; i < bodies() && input.followed.on; ++i) {
+    report.energy_corrected += systems_[i]->correctionEnergy(elastic_before_[i]);
+  }
   findEnergies(report, input.end_time);
   StepWork work;
   for (int i = 0; i < bodies(); ++i) work += workOn(*systems_[i], state_.bodies[i]);
@@ -361,6 +365,7 @@ StepInput World::inputAt(const Way& way, double from, double to) const {
   if (from == 0) {
     input.followed.shift = way.path->shift;
     input.followed.velocity = way.path->velocity;
+    input.followed.others = way.path->others;
   }
   return input;
 }
@@ -499,7 +504,17 @@ void World::nearby(const ToolMotion& tool, double plane_reach, double ahead, std
   if (!surfaces_.active()) return;
   constexpr double kShare = 0.25;
   surfaces_.allow(kShare * budget.operations);
+  const std::size_t first = out.size();
   surfaces_.find(contact, friction_, out, tool_);
+  // what carries force between bodies has features that a search need not choose again
+  std::vector<std::uint64_t> found;
+  for (std::size_t k = first; k < out.size(); ++k) found.push_back(out[k].key);
+  std::sort(found.begin(), found.end());
+  for (const Contact& c : state_.contacts.loaded) {
+    if (c.first.body < 0 || c.second.body < 0 || (c.first.body != tool_ && c.second.body != tool_)) continue;
+    if (std::binary_search(found.begin(), found.end(), c.key)) continue;
+    surfaces_.follow(c, contact, friction_, out);
+  }
 }
 
 const Obstacle* World::obstacleOf(const Contact& c) const {

@@ -183,7 +183,7 @@ class World {
   MovingBodies moving_;
   std::vector<Contact> glued_;  // equalities of the present part of a step
   std::vector<BodyBegin> begin_;
-  std::vector<double> elastic_;
+  std::vector<double> elastic_, elastic_before_;
   ContactMemory contacts_before_;  // of the present part of a step
   StepWork work_;                  // of the present step
   WorkMeter meter_;

@@ -53,6 +53,7 @@ ToolPath LiveVisual::pathSince(const HandlePath& path) const {
   }
   out.shift = state_.shift;
   out.velocity = state_.velocity;
+  out.others = state_.others;
   return out;
 }
 
@@ -66,22 +67,51 @@ ToolShape LiveVisual::corrected(const World& world, const LiveState& replayed) {
   ToolShape shape = toolShape(world);
   const VecX mass = freeMasses(world.tool().model);
   const LiveBasis& basis = state_.basis;
+  const Eigen::Index r = basis.modes.cols();
   state_.velocity.resize(0);
-  state_.shift = basis.modes * (settings_.feedback * (replayed.z - basis.project(mass, shape.places - basis.places)));
+  state_.shift =
+      basis.modes * (settings_.feedback * (replayed.z.head(r) - basis.project(mass, shape.places - basis.places)));
   if (state_.shift.size() > 0 && state_.shift.cwiseAbs().maxCoeff() > kFarthest) {
     state_.shift.resize(0);
     return shape;
   }
-  state_.velocity = basis.modes * (settings_.feedback * (replayed.speed - basis.project(mass, shape.speeds)));
+  state_.velocity = basis.modes * (settings_.feedback * (replayed.speed.head(r) - basis.project(mass, shape.speeds)));
   shape.places += state_.shift;
   shape.speeds += state_.velocity;
+  correctPartners(world, replayed);
   return shape;
+}
+
+// The same of the bodies that it touches.
+void LiveVisual::correctPartners(const World& world, const LiveState& replayed) {
+  Eigen::Index at = state_.basis.modes.cols();
+  for (const PartnerBasis& basis : state_.basis.partners) {
+    const Eigen::Index r = basis.modes.cols(), first = at;
+    at += r;
+    const Body body = world.body(basis.body);
+    if (body.model.isRigid()) continue;
+    const int n = body.model.freeNodes();
+    VecX moved(3 * n), speed(3 * n);
+    for (int k = 0; k < n; ++k) {
+      const int i = body.model.free()[k];
+      moved.segment<3>(3 * k) = body.state.positions.segment<3>(3 * i) - basis.places.segment<3>(3 * k);
+      speed.segment<3>(3 * k) = body.state.velocities.segment<3>(3 * i);
+    }
+    const VecX mass = freeMasses(body.model);
+    const auto project = [&](const VecX& field) { return VecX(basis.modes.transpose() * mass.cwiseProduct(field)); };
+    BodyCorrection correction{basis.body, {}, {}};
+    correction.shift = basis.modes * (settings_.feedback * (replayed.z.segment(first, r) - project(moved)));
+    if (correction.shift.cwiseAbs().maxCoeff() > kFarthest) continue;
+    correction.velocity = basis.modes * (settings_.feedback * (replayed.speed.segment(first, r) - project(speed)));
+    state_.others.push_back(std::move(correction));
+  }
 }
 
 void LiveVisual::reduce(World& world, const LiveSettings& settings, const ToolShape& shape, double step,
                         std::int64_t index, double time) {
   LiveBasis basis;
-  LiveModel model = reduction_.reduce(world, settings, {shape, state_.damped, state_.basis.modes, step}, basis);
+  LiveModel model = reduction_.reduce(
+      world, settings, {shape, state_.damped, state_.basis.modes, step, state_.basis.partners, state_.others}, basis);
   model.index = index;
   model.time = time;
   state_.ready = isFinite(model);
@@ -111,6 +141,7 @@ VisualRecord LiveVisual::step(World& world, const HandlePath& path, const Device
   dampForces(world, length, state_.damped);
   state_.shift.resize(0);
   state_.velocity.resize(0);
+  state_.others.clear();
   LiveState now;
   const bool known =
       state_.ready && !record.step.failed() && length <= kLongest * settings.step && replayed(world, path, now);

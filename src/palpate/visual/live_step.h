@@ -16,6 +16,7 @@ struct LiveVisualState {
   LiveBasis basis;
   DampedForces damped;
   VecX shift, velocity;  ///< corrections that the next step brings into the world; handle's frame, 3 a free node
+  std::vector<BodyCorrection> others{};  ///< of bodies that it touches
 };
 
 /// The visual loop of method `live` (docs/live.md): follows the proxy's path, corrects its low modes by the replayed
@@ -41,6 +42,7 @@ class LiveVisual {
   ToolPath pathSince(const HandlePath& path) const;
   bool replayed(const World& world, const HandlePath& path, LiveState& state);
   ToolShape corrected(const World& world, const LiveState& replayed);
+  void correctPartners(const World& world, const LiveState& replayed);
   void reduce(World& world, const LiveSettings& settings, const ToolShape& shape, double step, std::int64_t index,
               double time);
 

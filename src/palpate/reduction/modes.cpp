@@ -1,4 +1,4 @@
-#include "palpate/reduction/tool_modes.h"
+#include "palpate/reduction/modes.h"
 
 #include <algorithm>
 #include <cmath>
@@ -27,27 +27,27 @@ MatX firstBasis(Eigen::Index rows, Eigen::Index columns) {
 
 }  // namespace
 
-ToolModes findModes(SparseCholesky& factor, const VecX& mass, const MatX& start, int count, double s, double e) {
-  const Eigen::Index rows = mass.size();
+Modes findModes(const ModalProblem& problem, const MatX& start, int count) {
+  const Eigen::Index rows = problem.rows;
   const Eigen::Index wanted = std::min<Eigen::Index>(count, rows);
   const Eigen::Index columns = std::min<Eigen::Index>(wanted + kGuard, rows);
   if (wanted == 0) return {MatX(rows, 0), VecX(0)};
   const bool warm = start.rows() == rows && start.cols() > 0;
   MatX x = firstBasis(rows, columns);
   if (warm) x.leftCols(std::min(columns, start.cols())) = start.leftCols(std::min(columns, start.cols()));
-  ToolModes modes;
+  Modes modes;
   for (int k = 0; k < (warm ? kSweeps : kFirstSweeps); ++k) {
-    const MatX loads = mass.asDiagonal() * x;
+    const MatX loads = problem.momentum(x);
     MatX y = loads;
-    factor.solve(y);
+    problem.solve(y);
     // Rayleigh-Ritz: y^T A y = y^T M x
     MatX a = y.transpose() * loads;
-    MatX m = y.transpose() * (mass.asDiagonal() * y);
+    MatX m = y.transpose() * problem.momentum(y);
     a = 0.5 * (a + a.transpose()).eval();
     m = 0.5 * (m + m.transpose()).eval();
     const SymmetricEigen ritz = symmetricEigen(a, m);
     x = y * ritz.vectors;
-    modes.squared_frequency = ((ritz.values.array() - s) / e).max(kLeast).matrix();
+    modes.squared_frequency = ((ritz.values.array() - problem.s) / problem.e).max(kLeast).matrix();
   }
   modes.shapes = x;
   return modes;

@@ -1,0 +1,28 @@
+#pragma once
+
+#include <functional>
+
+#include "palpate/math/types.h"
+
+namespace palpate {
+
+/// K against M, known by what A = s M + e K does.
+struct ModalProblem {
+  Eigen::Index rows;
+  double s, e;                                ///< of A; [1], [s^2]
+  std::function<void(MatX&)> solve;           ///< columns <- A^-1 columns
+  std::function<MatX(const MatX&)> momentum;  ///< M columns
+};
+
+/// Lowest modes.
+struct Modes {
+  MatX shapes;             ///< [rows x r], mass-normalized
+  VecX squared_frequency;  ///< [1/s^2], increasing
+};
+
+/// By subspace iteration.
+/// @param start   basis to begin with, [rows x any], or empty: chosen here, with more sweeps
+/// @param count   r; fewer where there are fewer rows
+Modes findModes(const ModalProblem& problem, const MatX& start, int count);
+
+}  // namespace palpate

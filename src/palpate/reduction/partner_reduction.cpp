@@ -1,0 +1,420 @@
+#include "palpate/reduction/partner_reduction.h"
+
+#include <algorithm>
+
+#include "palpate/linear/dense_cholesky.h"
+#include "palpate/math/decompositions.h"
+#include "palpate/reduction/modes.h"
+
+namespace palpate {
+namespace {
+
+// Of a system: the free nodes' velocities, then the frame's twist.
+Eigen::Index unknowns(const BodyModel& model) { return 3 * model.freeNodes() + (model.framed() ? 6 : 0); }
+
+// J^T of sums of nodes, J of the step's system.
+MatX columnsOf(const BodySystem& system, const std::vector<NodeSum>& sums) {
+  const BodyModel& model = system.model();
+  MatX columns = MatX::Zero(unknowns(model), static_cast<Eigen::Index>(3 * sums.size()));
+  for (std::size_t k = 0; k < sums.size(); ++k) {
+    const auto at = static_cast<Eigen::Index>(3 * k);
+    for (const auto& [node, weight] : sums[k].nodes) {
+      const int row = model.row()[node];
+      if (row >= 0) {
+        columns.block<3, 3>(3 * row, at).diagonal().array() += weight;
+      } else if (!model.isFixed(node)) {
+        columns.bottomRows<6>().middleCols<3>(at) +=
+            weight * model.handle().jacobian(model.attachedIndex()[node], system.startPose()).transpose();
+      }
+    }
+  }
+  return columns;
+}
+
+// Columns <- A^-1 columns.
+void solve(BodySystem& system, MatX& columns) {
+  const Eigen::Index n = 3 * system.model().freeNodes();
+  if (!system.model().framed()) {
+    if (n > 0) system.factor().solve(columns);
+    return;
+  }
+  MatX twist = columns.bottomRows<6>();
+  if (n > 0) {
+    MatX free = columns.topRows(n);
+    twist -= system.response().transpose() * free;
+    system.factor().solve(free);
+    columns.topRows(n) = free;
+  }
+  twist = (system.handleSchurInverse() * twist).eval();
+  columns.bottomRows<6>() = twist;
+  if (n > 0) columns.topRows(n) -= system.response() * twist;
+}
+
+// J A^-1 J^T over sums of nodes.
+MatX gramOf(BodySystem& system, const std::vector<NodeSum>& sums) {
+  const MatX columns = columnsOf(system, sums);
+  MatX half = columns;
+  solve(system, half);
+  const MatX out = columns.transpose() * half;
+  return 0.5 * (out + out.transpose());
+}
+
+// The same of many sums: by half of the solve, and of columns with little in them. Adds the lower triangle.
+void addGram(BodySystem& system, const std::vector<NodeSum>& sums, double scale, MatX& out) {
+  if (system.model().framed()) {
+    out += scale * gramOf(system, sums);
+    return;
+  }
+  BlockColumns columns;
+  for (const NodeSum& sum : sums) {
+    for (const auto& [node, weight] : sum.nodes) {
+      const int row = system.model().row()[node];
+      if (row >= 0) columns.add(row, weight * Mat3::Identity());
+    }
+    columns.close();
+  }
+  MatX own;
+  system.factor().gram(columns, own);
+  out.triangularView<Eigen::Lower>() += scale * own;
+}
+
+// Of the last rows' diagonal: what says the same twice does no harm.
+template <class Block>
+void shiftDiagonal(Block&& held) {
+  held.diagonal().array() += 1e-6 * held.diagonal().mean();
+}
+
+// Leaves of W, its lower triangle, the first rows, with all others held.
+MatX tied(const MatX& w, Eigen::Index m) {
+  const Eigen::Index ties = w.rows() - m;
+  MatX held = w.bottomRightCorner(ties, ties), half = w.bottomLeftCorner(ties, m);
+  shiftDiagonal(held);
+  MatX own = w.topLeftCorner(m, m).selfadjointView<Eigen::Lower>();
+  if (!choleskyInPlace(held)) return own;
+  held.triangularView<Eigen::Lower>().solveInPlace(half);
+  own -= half.transpose() * half;
+  return own;
+}
+
+NodeSum nodesOf(const ContactPoint& point, double sign) {
+  NodeSum out;
+  for (int k = 0; k < point.count; ++k) out.nodes.emplace_back(point.node[k], sign * point.weight[k]);
+  return out;
+}
+
+bool involves(const Contact& c, int body) { return c.first.body == body || c.second.body == body; }
+
+// Bodies that loaded glue joins to this one, itself first, without the tool.
+std::vector<int> gluedTo(const std::vector<Contact>& loaded, int body, int tool) {
+  std::vector<int> out{body};
+  for (std::size_t k = 0; k < out.size(); ++k) {
+    for (const Contact& c : loaded) {
+      if (!c.glued() || !involves(c, out[k]) || involves(c, tool)) continue;
+      const int other = c.first.body == out[k] ? c.second.body : c.first.body;
+      if (std::find(out.begin(), out.end(), other) == out.end()) out.push_back(other);
+    }
+  }
+  return out;
+}
+
+// What holds a body besides the tool: a loaded contact, all three rows where it sticks, its normal where it slides.
+struct Tie {
+  const Contact* contact;
+  Vec3 force;  // on the contact's first point [N]
+  bool slides;
+  Eigen::Index rows() const { return slides ? 1 : 3; }
+};
+
+constexpr double kSlides = 1e-3;  // [m/s]: friction at its limit alone may also be a strain that nothing undoes
+
+// Along the surfaces [m/s].
+double slip(const World& world, const Contact& c) {
+  Vec3 v = Vec3::Zero();
+  if (c.first.body >= 0) v += c.first.at(world.body(c.first.body).state.velocities);
+  if (c.second.body >= 0) v -= c.second.at(world.body(c.second.body).state.velocities);
+  return (v - c.normal.dot(v) * c.normal).norm();
+}
+
+std::vector<Tie> tiesOf(const World& world, const std::vector<int>& bodies) {
+  std::vector<Tie> ties;
+  const ContactMemory& memory = world.state().contacts;
+  for (std::size_t k = 0; k < memory.loaded.size(); ++k) {
+    const Contact& c = memory.loaded[k];
+    if (involves(c, world.toolIndex())) continue;
+    if (std::none_of(bodies.begin(), bodies.end(), [&](int b) { return involves(c, b); })) continue;
+    const bool slides = !c.glued() && memory.find(c.track) != nullptr &&
+                        memory.find(c.track)->status.state > ContactState::stick && slip(world, c) > kSlides;
+    ties.push_back(
+        {&c, c.frame().transpose() * memory.loaded_force.segment<3>(static_cast<Eigen::Index>(3 * k)), slides});
+  }
+  return ties;
+}
+
+Eigen::Index rowsOf(const std::vector<Tie>& ties) {
+  Eigen::Index rows = 0;
+  for (const Tie& t : ties) rows += t.rows();
+  return rows;
+}
+
+// The body's own side of a tie, or both.
+NodeSum nodesOf(const Contact& c, int body) {
+  NodeSum out;
+  if (c.first.body == body) out = nodesOf(c.first, 1.0);
+  if (c.second.body != body) return out;
+  const NodeSum second = nodesOf(c.second, -1.0);
+  out.nodes.insert(out.nodes.end(), second.nodes.begin(), second.nodes.end());
+  return out;
+}
+
+// Of three columns a tie those that hold.
+MatX holding(const MatX& columns, const std::vector<Tie>& ties) {
+  MatX out(columns.rows(), rowsOf(ties));
+  Eigen::Index at = 0;
+  for (std::size_t k = 0; k < ties.size(); ++k) {
+    const auto three = columns.middleCols<3>(static_cast<Eigen::Index>(3 * k));
+    if (ties[k].slides) {
+      out.col(at) = three * ties[k].contact->normal;
+    } else {
+      out.middleCols<3>(at) = three;
+    }
+    at += ties[k].rows();
+  }
+  return out;
+}
+
+// Of several bodies that are glued: their own, the joints' rows and those of what else they touch held at zero [m/N].
+MatX gluedCompliance(World& world, const std::vector<int>& bodies, const std::vector<NodeSum>& sums) {
+  const std::vector<Tie> ties = tiesOf(world, bodies);
+  const auto own = static_cast<Eigen::Index>(3 * sums.size()), all = own + static_cast<Eigen::Index>(3 * ties.size());
+  MatX w = MatX::Zero(all, all);
+  for (const int b : bodies) {
+    std::vector<NodeSum> rows(sums.size());
+    if (b == bodies.front()) rows = sums;
+    for (const Tie& t : ties) rows.push_back(nodesOf(*t.contact, b));
+    BodySystem& system = world.body(b).system;
+    addGram(system, rows, system.stiffnessScale(), w);
+  }
+  const Eigen::Index held = rowsOf(ties);
+  MatX wide(all, own + held), out(own + held, own + held);
+  w.triangularView<Eigen::StrictlyUpper>() = w.transpose();
+  wide << w.leftCols(own), holding(w.rightCols(all - own), ties);
+  out << wide.topRows(own), holding(wide.bottomRows(all - own).transpose(), ties).transpose();
+  return tied(out, own);
+}
+
+// Of one body. What it rests on is tied: for those rows C, A^-1 becomes A^-1 - U S^-1 U^T, U = A^-1 C^T, S = C U.
+class Rested {
+ public:
+  Rested(World& world, int body, const std::vector<NodeSum>& sums) : world_(world), body_(body) {
+    const std::vector<Tie> ties = tiesOf(world, {body});
+    std::vector<NodeSum> supports;
+    for (const Tie& t : ties) supports.push_back(nodesOf(*t.contact, body));
+    const MatX all = columnsOf(system(), supports), held = holding(all, ties);
+    // friction of what slides goes on
+    rub_ = VecX::Zero(unknowns(system().model()));
+    for (std::size_t k = 0; k < ties.size(); ++k) {
+      if (!ties[k].slides) continue;
+      const Vec3& n = ties[k].contact->normal;
+      rub_ += all.middleCols<3>(static_cast<Eigen::Index>(3 * k)) * (ties[k].force - n.dot(ties[k].force) * n);
+    }
+    rows_ = columnsOf(system(), sums);
+    MatX response(rows_.rows(), rows_.cols() + held.cols());
+    response << rows_, held;
+    solve(system(), response);
+    response_ = response.leftCols(rows_.cols());
+    held_ = response.rightCols(held.cols());
+    if (held_.cols() == 0) return;
+    factor_ = held_.transpose() * held;
+    shiftDiagonal(factor_);
+    tied_ = choleskyInPlace(factor_);
+    if (tied_) rest(rows_, response_);
+  }
+  const VecX& rub() const { return rub_; }
+  BodySystem& system() const { return world_.body(body_).system; }
+  const MatX& rows() const { return rows_; }
+
+  // J A^-1 J^T
+  MatX gram() const {
+    const MatX out = rows_.transpose() * response_;
+    return 0.5 * (out + out.transpose());
+  }
+
+  void solveAll(MatX& columns) const {
+    const MatX loads = columns;
+    solve(system(), columns);
+    if (tied_) rest(loads, columns);
+  }
+
+  MatX momentum(const MatX& columns) const {
+    const BodyModel& model = system().model();
+    MatX out = columns;
+    for (int r = 0; r < model.freeNodes(); ++r) {
+      out.middleRows<3>(3 * r) *= model.elasticity().mass()[model.free()[r]];
+    }
+    if (model.framed()) out.bottomRows<6>() = (system().handleMassAtStart() * out.bottomRows<6>()).eval();
+    return out;
+  }
+
+ private:
+  void rest(const MatX& loads, MatX& solution) const {
+    MatX forces = held_.transpose() * loads;
+    factor_.triangularView<Eigen::Lower>().solveInPlace(forces);
+    factor_.triangularView<Eigen::Lower>().transpose().solveInPlace(forces);
+    solution -= held_ * forces;
+  }
+
+  World& world_;
+  int body_;
+  MatX rows_, response_;  // J^T, A^-1 J^T
+  VecX rub_;              // loads
+  MatX held_, factor_;    // U, of S
+  bool tied_ = false;
+};
+
+constexpr double kFastest = 1e6;  // [1/s^2]: what is faster than a tick can show is left to W
+
+// Of a body without free nodes: those motions that nothing holds.
+Modes rigidModes(const Rested& rested, double s, double e) {
+  const MatX mass = rested.momentum(MatX::Identity(6, 6));
+  MatX root = mass;
+  if (!choleskyInPlace(root)) return {MatX(6, 0), VecX(0)};
+  root.triangularView<Eigen::StrictlyUpper>().setZero();
+  MatX yields = root;
+  rested.solveAll(yields);
+  const SymmetricEigen found = symmetricEigen(MatX(root.transpose() * yields));
+  Modes modes{MatX(6, 0), VecX(0)};
+  for (Eigen::Index k = found.values.size() - 1; k >= 0; --k) {
+    const double w2 = (1.0 / found.values[k] - s) / e;
+    if (!(found.values[k] > 0) || w2 > kFastest) break;
+    VecX shape = found.vectors.col(k);
+    root.triangularView<Eigen::Lower>().transpose().solveInPlace(shape);
+    modes.shapes.conservativeResize(6, modes.shapes.cols() + 1);
+    modes.shapes.rightCols<1>() = shape;
+    modes.squared_frequency.conservativeResize(modes.squared_frequency.size() + 1);
+    modes.squared_frequency.tail<1>()[0] = std::max(w2, 0.0);
+  }
+  return modes;
+}
+
+Modes modesOf(const Rested& rested, const MatX* start, int count, double s, double e) {
+  const BodyModel& model = rested.system().model();
+  Modes modes;
+  if (model.isRigid()) {
+    modes = rigidModes(rested, s, e);
+  } else {
+    modes = findModes({unknowns(model), s, e, [&](MatX& columns) { rested.solveAll(columns); },
+                       [&](const MatX& columns) { return rested.momentum(columns); }},
+                      start != nullptr ? *start : MatX(), count);
+  }
+  Eigen::Index r = std::min<Eigen::Index>(count, modes.shapes.cols());
+  while (r > 0 && !(modes.squared_frequency[r - 1] < kFastest)) --r;
+  return {modes.shapes.leftCols(r), modes.squared_frequency.head(r)};
+}
+
+// Loads and velocities of what modes are of, at the corrected places.
+struct PartnerMotion {
+  VecX places, load, speed;
+};
+
+PartnerMotion motionOf(World& world, int body, const BodyCorrection* correction) {
+  const Body partner = world.body(body);
+  const BodyModel& model = partner.model;
+  PartnerMotion out;
+  if (model.isRigid()) {
+    out.load = VecX::Zero(6);
+    out.load.head<3>() = model.handle().mass * world.gravity;
+    out.speed = partner.state.handle.twist;
+    return out;
+  }
+  VecX x = partner.state.positions;
+  out.speed.resize(3 * model.freeNodes());
+  for (int r = 0; r < model.freeNodes(); ++r) {
+    const int i = model.free()[r];
+    out.speed.segment<3>(3 * r) = partner.state.velocities.segment<3>(3 * i);
+    if (correction != nullptr) x.segment<3>(3 * i) += correction->shift.segment<3>(3 * r);
+  }
+  if (correction != nullptr) out.speed += correction->velocity;
+  const VecX& forces = partner.system.forcesAhead(x, partner.state);
+  out.places.resize(3 * model.freeNodes());
+  out.load.resize(3 * model.freeNodes());
+  for (int r = 0; r < model.freeNodes(); ++r) {
+    const int i = model.free()[r];
+    out.places.segment<3>(3 * r) = x.segment<3>(3 * i);
+    out.load.segment<3>(3 * r) = forces.segment<3>(3 * i) + model.elasticity().mass()[i] * world.gravity;
+  }
+  if (model.springStiffness().size() == 0) return out;
+  const VecX anchors = model.anchors(world.state().time);
+  for (int r = 0; r < model.freeNodes(); ++r) {
+    const int i = model.free()[r];
+    out.load.segment<3>(3 * r) -= model.springStiffness()[i] * (x - anchors).segment<3>(3 * i);
+  }
+  return out;
+}
+
+// A has h d + h^2 k of springs to the world where modes take it as e K, whose damping is the material's.
+void addSprings(const BodyModel& model, const MatX& shapes, double h, double e, PartnerModes& out) {
+  for (Eigen::Index k = 0; k < shapes.cols(); ++k) {
+    double stiffness = 0, damping = 0;
+    for (int r = 0; r < model.freeNodes(); ++r) {
+      const int i = model.free()[r];
+      const double square = shapes.col(k).segment<3>(3 * r).squaredNorm();
+      stiffness += model.springStiffness()[i] * square;
+      damping += model.springDamping()[i] * square;
+    }
+    const double taken = h * (damping + h * stiffness) / e;
+    out.damping[k] += damping - model.elasticity().material().damping_beta * taken;
+    out.squared_frequency[k] += stiffness - taken;
+  }
+}
+
+// The body's modes; takes their part off W.
+PartnerModes takeModes(World& world, int body, const Rested& rested, const PartnerInput& input, MatX& w) {
+  const BodySystem& system = rested.system();
+  const BodyModel& model = system.model();
+  PartnerModes out;
+  if (input.modes <= 0 || (model.framed() && !model.isRigid())) return out;
+  const Material& material = model.elasticity().material();
+  const double s = material.massScale(system.input().step), e = system.stiffnessScale();
+  const Modes modes = modesOf(rested, input.start, input.modes, s, e);
+  const Eigen::Index r = modes.shapes.cols();
+  if (r == 0) return out;
+  const PartnerMotion motion = motionOf(world, body, input.correction);
+  out.squared_frequency = modes.squared_frequency;
+  out.damping = (material.damping_alpha + material.damping_beta * modes.squared_frequency.array()).matrix();
+  if (model.springStiffness().size() > 0) addSprings(model, modes.shapes, system.input().step, e, out);
+  VecX load = motion.load + rested.rub();
+  for (const auto& [sum, force] : input.loads) load += columnsOf(system, {sum}) * force;
+  out.force = modes.shapes.transpose() * load;
+  out.speed = modes.shapes.transpose() * rested.momentum(motion.speed);
+  out.shape = rested.rows().transpose() * modes.shapes;
+  for (Eigen::Index k = 0; k < r; ++k) {
+    w -= out.shape.col(k) * out.shape.col(k).transpose() / (modes.squared_frequency[k] + s / e);
+  }
+  out.basis = {body, modes.shapes, motion.places};
+  return out;
+}
+
+}  // namespace
+
+PartnerModes reducePartner(World& world, int body, const PartnerInput& input, MatX& out) {
+  // impulse to velocity becomes force to displacement: in a step dx = h dv, dlambda = h df, and c = h (h + beta)
+  const std::vector<int> together = gluedTo(world.state().contacts.loaded, body, world.toolIndex());
+  PartnerModes modes;
+  MatX own;
+  if (together.size() > 1) {
+    own = gluedCompliance(world, together, input.sums);
+  } else {
+    const Rested rested(world, body, input.sums);
+    own = rested.gram() * rested.system().stiffnessScale();
+    modes = takeModes(world, body, rested, input, own);
+  }
+  for (std::size_t i = 0; i < input.sums.size(); ++i) {
+    for (std::size_t j = 0; j < input.sums.size(); ++j) {
+      out.block<3, 3>(input.sums[i].row, input.sums[j].row) +=
+          own.block<3, 3>(static_cast<Eigen::Index>(3 * i), static_cast<Eigen::Index>(3 * j));
+    }
+  }
+  return modes;
+}
+
+}  // namespace palpate

@@ -1,0 +1,45 @@
+#pragma once
+
+#include <vector>
+
+#include "palpate/contact/contact.h"
+#include "palpate/simulation/world.h"
+
+namespace palpate {
+
+/// A weighted sum of nodes' motions of one body, world frame; three rows.
+struct NodeSum {
+  int row = 0;  ///< first of its rows in the result
+  std::vector<std::pair<int, double>> nodes;
+};
+
+/// What the modes of a body that the tool touches were made of; world frame.
+struct PartnerBasis {
+  int body = -1;
+  MatX modes;   ///< mass-normalized, [3 free x r], of a rigid body [6 x r]
+  VecX places;  ///< of the free nodes where they were made, corrections included [m]
+};
+
+/// A body that the tool touches, reduced: its lowest modes, with what it rests on tied (docs/live.md).
+struct PartnerModes {
+  VecX squared_frequency, damping;  ///< [1/s^2], [1/s]
+  VecX force, speed;                ///< elastic, weight and all contact; at the model's time
+  MatX shape;                       ///< of the sums' rows, world frame
+  PartnerBasis basis;
+};
+
+struct PartnerInput {
+  const std::vector<NodeSum>& sums;
+  const std::vector<std::pair<NodeSum, Vec3>>& loads;  ///< contact now, where it is [N]
+  const BodyCorrection* correction = nullptr;          ///< that the next step brings
+  const MatX* start = nullptr;                         ///< modes to begin with
+  int modes = 0;                                       ///< at most; none of bodies that are glued
+};
+
+/// How much another body gives way at the given places over a visual step, W = h' J A^-1 J^T with the factor of its
+/// last step, without what its modes give [m/N]. What else it rests on holds it: its loaded contacts with others than
+/// the tool are tied. Bodies that are glued to it yield with it.
+/// @param out  is added to, [3 m x 3 m], world frame
+PartnerModes reducePartner(World& world, int body, const PartnerInput& input, MatX& out);
+
+}  // namespace palpate
