@@ -99,7 +99,7 @@ void LiveTick::factorHandle(const LiveModel& model, const LiveTickInput& input) 
   a.bottomRightCorner(r, r).setZero();
   a.bottomRightCorner(r, r).diagonal() =
       (1.0 / input.dt + model.damping.array() + input.dt * model.squared_frequency.array()).matrix();
-  factor_.factor(a);
+  factor_.factor(a, 6 + model.toolModes());
 }
 
 // -Q^T M (w x (w x y1) + 2 w x Q z')

@@ -33,18 +33,19 @@ void addTransposed(double scale, const TickMatrix& a, const double* x, double* y
 class TickCholesky {
  public:
   using Matrix = BoundedMatrix<LiveSize::kUnknowns, LiveSize::kUnknowns>;
-  /// Reads the lower triangle.
-  void factor(const Matrix& a) noexcept;
+  /// Reads the lower triangle; of rows from `coupled` on, the diagonal.
+  void factor(const Matrix& a, int coupled) noexcept;
   void solve(TickUnknowns& b) const noexcept;       ///< b = A^-1 b
   void solveUpper(TickUnknowns& b) const noexcept;  ///< b = L^-T b
   void solveLower(TickRows& x) const noexcept;      ///< x^T = L^-1 x^T
 
  private:
-  int size_ = 0;
+  int first(int row) const { return row < coupled_ ? 0 : row; }
+  int size_ = 0, coupled_ = 0;
   std::array<double, LiveSize::kUnknowns * LiveSize::kUnknowns> l_{};  // by rows; the diagonal inverted
 };
 
-/// g += scale x x^T.
+/// g += scale x x^T, of a symmetric g.
 template <int kColumns>
 void addGram(double scale, const BoundedMatrix<LiveSize::kRows, kColumns>& x, TickCompliance& g) noexcept {
   const Eigen::Index rows = x.rows();
@@ -53,8 +54,9 @@ void addGram(double scale, const BoundedMatrix<LiveSize::kRows, kColumns>& x, Ti
     for (Eigen::Index c = 0; c < x.cols(); ++c) {
       const double* const column = x.data() + c * rows;
       const double factor = scale * column[j];
-      for (Eigen::Index i = 0; i < rows; ++i) out[i] += factor * column[i];
+      for (Eigen::Index i = j; i < rows; ++i) out[i] += factor * column[i];
     }
+    for (Eigen::Index i = j + 1; i < rows; ++i) g(j, i) = out[i];
   }
 }
 

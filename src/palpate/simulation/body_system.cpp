@@ -29,9 +29,11 @@ void BodySystem::assemble(const StepInput& input, BodyState& state, const BodyCo
   if (corrected()) shiftNodes();
   turned_ = follows() && prepared_.ready && prepared_.step == h && prepared_.elastic.isFor(places_);
   const VecX& x = displaced() ? moved_ : x0_;
+  moved_energy_.reset();
   if (turned_) {
     takePrepared();
   } else if (ahead_.isFor(x)) {
+    moved_energy_ = ahead_energy_;
     state.elastic.rotations.swap(ahead_.rotations);
     state.elastic.flat.swap(ahead_.flat);
     state.elastic.released.swap(ahead_.released);
@@ -162,7 +164,7 @@ void BodySystem::shiftNodes() {
 }
 
 const VecX& BodySystem::forcesAhead(const VecX& positions, const BodyState& state) {
-  if (!ahead_.isFor(positions)) model_->elasticity().energyAt(positions, state.elastic, ahead_);
+  if (!ahead_.isFor(positions)) ahead_energy_ = model_->elasticity().energyAt(positions, state.elastic, ahead_);
   return ahead_.forces;
 }
 
@@ -575,7 +577,8 @@ double BodySystem::springEnergyAt(const VecX& x) const {
 
 double BodySystem::shiftEnergy(double elastic) const {
   ElasticAhead scratch;
-  double energy = model_->elasticity().energyAt(moved_, state_->elastic, scratch) + springEnergyAt(moved_) - elastic;
+  double energy = moved_energy_ ? *moved_energy_ : model_->elasticity().energyAt(moved_, state_->elastic, scratch);
+  energy += springEnergyAt(moved_) - elastic;
   for (int r = 0; r < model_->freeNodes(); ++r) {
     const int i = model_->free()[r];
     const Vec3 before = start_velocities_.segment<3>(3 * i), more = correction_.velocity.segment<3>(3 * r);

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <array>
+#include <optional>
 #include <vector>
 
 #include "palpate/contact/contact.h"
@@ -167,7 +168,8 @@ class BodySystem {
   /// its own any more.
   /// @param time  of the world, at which springs pull to where their ends then are [s]
   double elasticEnergy(const BodyState& state, double time) {
-    return model_->elasticity().energyAt(state.positions, state.elastic, ahead_) +
+    ahead_energy_ = model_->elasticity().energyAt(state.positions, state.elastic, ahead_);
+    return ahead_energy_ +
            (model_->springStiffness().size() > 0 ? model_->springEnergy(state.positions, model_->anchors(time)) : 0.0);
   }
   /// What the corrections that come with a path bring at the start of the step: kinetic, elastic and of weight [J].
@@ -269,6 +271,8 @@ class BodySystem {
   std::vector<Mat3> tension_;  // P of each element, times h / sqrt(c): it does not damp; empty: left out
   HandleState start_;
   ElasticAhead ahead_;
+  double ahead_energy_ = 0;             // elastic, there [J]
+  std::optional<double> moved_energy_;  // elastic, of moved_, where it was known ahead [J]
   SymmetricBlockMatrix a_;
   SparseCholesky factor_;
   SparseCholesky spare_;  // the one with no nodes last, once it was asked for, or that with them
