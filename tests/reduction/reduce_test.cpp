@@ -129,6 +129,36 @@ TEST(Reduction, ComplianceIsSymmetricAndPositive) {
   EXPECT_GE(symmetricEigen(w).values.minCoeff(), 0.99e-7);
 }
 
+// What hangs 3 cm above the ground, at rest, is ready for a hand that starts at once: up to as many contacts as a model
+// has, the nearest. 10 cm above it nothing is.
+TEST(Reduction, AGroundThatASuddenHandWouldMeetIsKnown) {
+  for (const double height : {0.03, 0.1}) {
+    Material material;
+    material.youngs_modulus = 2e4;
+    BodyModel body = bar({4, 3, 3}, material);
+    holdNodes(body, onTop, kPlainHandle);
+    World world;
+    Obstacle plane = ground();
+    std::get<PlaneShape>(plane.shape).point = Vec3(0, 0, -height);
+    world.obstacles = {plane};
+    world.gravity.setZero();
+    world.add(std::move(body));
+    ASSERT_EQ(world.step({world.tool().state.handle.pose, Vec6::Zero()}, 0.033).status, StepStatus::ok);
+    ToolReduction reduction;
+    for (const int contacts : {4, 16}) {
+      LiveSettings settings;
+      settings.contacts = contacts;
+      LiveBasis basis;
+      const LiveModel m = reduction.reduce(world, settings, {toolShape(world), {}, MatX(), 0.033, {}, {}}, basis);
+      ASSERT_TRUE(isFinite(m));
+      EXPECT_EQ(m.contacts, height < 0.05 ? contacts : 0);
+      for (int i = 0; i < m.contacts; ++i) {
+        EXPECT_NEAR(m.pose.apply(m.arm.segment<3>(3 * i)).z() - m.surface[i].a.z(), height, 1e-3);
+      }
+    }
+  }
+}
+
 // All weight and press arrive: the merged contacts carry the force and the torque of the world's.
 TEST(Reduction, MergedContactsCarryTheWholeForce) {
   Pressed scene;

@@ -8,6 +8,7 @@ namespace {
 
 constexpr double kAlike = 0.7;      // cosine of the normals within a cluster
 constexpr double kFarthest = 0.03;  // that a surface is followed ahead [m]
+constexpr double kSudden = 20.0;    // [m/s^2]: at which a hand may start
 
 Contact turnedAround(Contact c) {
   std::swap(c.first, c.second);
@@ -133,8 +134,9 @@ void appendClusters(const std::vector<TouchPoint>& points, int first, int end, i
 
 }  // namespace
 
-std::vector<TouchPoint> findTouchPoints(World& world, const VecX& positions, const VecX& speeds, double margin,
-                                        double lookahead) {
+std::vector<TouchPoint> findTouchPoints(World& world, const VecX& positions, const VecX& speeds,
+                                        const TouchReach& reach) {
+  const double margin = reach.margin, lookahead = reach.lookahead;
   const int tool = world.toolIndex();
   double fastest = 0;
   for (Eigen::Index i = 0; i + 2 < speeds.size(); i += 3) fastest = std::max(fastest, speeds.segment<3>(i).norm());
@@ -147,7 +149,8 @@ std::vector<TouchPoint> findTouchPoints(World& world, const VecX& positions, con
   }
   const double ahead = lookahead * fastest > kFarthest ? kFarthest / fastest : lookahead;
   std::vector<Contact> near;
-  world.nearby({positions, speeds}, margin + lookahead * fastest, ahead, near);
+  const double sudden = 0.5 * kSudden * lookahead * lookahead;
+  world.nearby({positions, speeds}, margin + lookahead * fastest + sudden, ahead, near);
 
   std::sort(near.begin(), near.end(),
             [](const Contact& a, const Contact& b) { return std::pair(a.gap, a.key) < std::pair(b.gap, b.key); });
@@ -156,7 +159,7 @@ std::vector<TouchPoint> findTouchPoints(World& world, const VecX& positions, con
     return body == tool ? speeds : world.body(body).state.velocities;
   };
   const VecX correction = positions - world.body(tool).state.positions;
-  std::vector<TouchPoint> out;
+  std::vector<TouchPoint> out, later;
   takeTied(world, positions, out);
   const auto take = [&](const Contact& found, const Vec3& force) {
     if (found.first.body != tool && found.second.body != tool) return;
@@ -175,10 +178,17 @@ std::vector<TouchPoint> findTouchPoints(World& world, const VecX& positions, con
       if (p.internal) way -= p.contact.second.at(correction);
       p.gap -= std::min(0.0, p.gap - p.contact.normal.dot(way));
     }
-    const bool soon = p.gap + lookahead * std::min(0.0, p.contact.normal.dot(closing)) < margin;
-    if (soon || !p.force.isZero(0.0)) out.push_back(p);
+    const double then = p.gap + lookahead * std::min(0.0, p.contact.normal.dot(closing));
+    if (then < margin || !p.force.isZero(0.0)) {
+      out.push_back(p);
+    } else if (then < margin + sudden) {
+      later.push_back(p);
+    }
   };
   for (std::size_t k = 0; k < near.size(); ++k) take(near[k], forces[k]);
+  // what only a sudden start would bring near, as far as there is room: nothing is merged for it
+  const auto room = static_cast<std::size_t>(std::max(0, reach.most));
+  for (std::size_t k = 0; k < later.size() && out.size() < room; ++k) out.push_back(later[k]);
   return out;
 }
 

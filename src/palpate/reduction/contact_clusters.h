@@ -22,11 +22,18 @@ struct TouchPoint {
 /// One contact of the reduced model: touch points and their weights, which sum to 1.
 using TouchCluster = std::vector<std::pair<int, double>>;
 
+/// How far a model looks.
+struct TouchReach {
+  double margin;     ///< what is nearer, or will be, is in [m]
+  double lookahead;  ///< for that long as it now moves [s]
+  int most;          ///< up to so many, also what a hand that starts at once would bring near in that time
+};
+
 /// What the tool touches or may touch within reach; what it is glued to comes first.
 /// @param positions  of the tool's nodes, where they differ from the world's state
 /// @param speeds     of its nodes [m/s]
-std::vector<TouchPoint> findTouchPoints(World& world, const VecX& positions, const VecX& speeds, double margin,
-                                        double lookahead);
+std::vector<TouchPoint> findTouchPoints(World& world, const VecX& positions, const VecX& speeds,
+                                        const TouchReach& reach);
 
 /// At most `most` clusters of like facing and like partner, farthest points first. None is dropped; weights follow the
 /// normal force where there is some, else the nearest point stands for all. Of what is tied all points count alike, in

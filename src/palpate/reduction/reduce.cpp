@@ -285,9 +285,10 @@ void ToolReduction::addContacts(World& world, const LiveSettings& settings, cons
     if (row >= 0) v += rotation * input.shape.speeds.segment<3>(3 * row);
     speeds.segment<3>(3 * i) = v;
   }
-  const std::vector<TouchPoint> points = findTouchPoints(world, positions, speeds, settings.margin, settings.lookahead);
-  const std::vector<TouchCluster> clusters =
-      clusterTouchPoints(points, std::clamp(settings.contacts, 0, LiveSize::kContacts));
+  const int most = std::clamp(settings.contacts, 0, LiveSize::kContacts);
+  const std::vector<TouchPoint> points =
+      findTouchPoints(world, positions, speeds, {settings.margin, settings.lookahead, most});
+  const std::vector<TouchCluster> clusters = clusterTouchPoints(points, most);
   const auto m = static_cast<Eigen::Index>(clusters.size());
   const Eigen::Index r = basis.modes.cols();
   model.contacts = static_cast<int>(m);
