@@ -46,15 +46,11 @@ std::vector<Vec3> forcesOn(const World& world, std::vector<Contact>& near) {
   std::vector<Vec3> forces(near.size(), Vec3::Zero());
   std::vector<char> given(near.size(), 0);
   std::vector<std::size_t> left;
-  const auto forceOf = [&](std::size_t k) {
-    return Vec3(memory.loaded[k].frame().transpose() *
-                memory.loaded_force.segment<3>(static_cast<Eigen::Index>(3 * k)));
-  };
   const auto give = [&](std::size_t k, auto same) {
     for (std::size_t i = 0; i < given.size(); ++i) {
       if (given[i] || !same(near[i])) continue;
       given[i] = 1;
-      forces[i] = forceOf(k);
+      forces[i] = memory.loadedForce(k);
       return true;
     }
     return false;
@@ -69,7 +65,7 @@ std::vector<Vec3> forcesOn(const World& world, std::vector<Contact>& near) {
     if (give(k, [&](const Contact& n) { return n.track == c.track; })) continue;
     near.push_back(c);
     near.back().gap = 0;
-    forces.push_back(forceOf(k));
+    forces.push_back(memory.loadedForce(k));
   }
   return forces;
 }

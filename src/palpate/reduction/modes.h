@@ -20,6 +20,15 @@ struct Modes {
   VecX squared_frequency;  ///< [1/s^2], increasing
 };
 
+/// What modes were made of; projects later states of the same body on them.
+struct ModalBasis {
+  MatX modes;   ///< mass-normalized, [rows x r]
+  VecX places;  ///< where they were made, corrections included [m]
+
+  /// Q^T M of a field on the free nodes.
+  VecX project(const VecX& mass, const VecX& field) const { return modes.transpose() * mass.cwiseProduct(field); }
+};
+
 /// By subspace iteration.
 /// @param start   basis to begin with, [rows x any], or empty: chosen here, with more sweeps
 /// @param count   r; fewer where there are fewer rows

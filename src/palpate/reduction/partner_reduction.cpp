@@ -144,8 +144,7 @@ std::vector<Tie> tiesOf(const World& world, const std::vector<int>& bodies) {
     if (std::none_of(bodies.begin(), bodies.end(), [&](int b) { return involves(c, b); })) continue;
     const bool slides = !c.glued() && memory.find(c.track) != nullptr &&
                         memory.find(c.track)->status.state > ContactState::stick && slip(world, c) > kSlides;
-    ties.push_back(
-        {&c, c.frame().transpose() * memory.loaded_force.segment<3>(static_cast<Eigen::Index>(3 * k)), slides});
+    ties.push_back({&c, memory.loadedForce(k), slides});
   }
   return ties;
 }
@@ -390,7 +389,7 @@ PartnerModes takeModes(World& world, int body, const Rested& rested, const Partn
   for (Eigen::Index k = 0; k < r; ++k) {
     w -= out.shape.col(k) * out.shape.col(k).transpose() / (modes.squared_frequency[k] + s / e);
   }
-  out.basis = {body, modes.shapes, motion.places};
+  out.basis = {{modes.shapes, motion.places}, body};
   return out;
 }
 

@@ -3,6 +3,7 @@
 #include <vector>
 
 #include "palpate/contact/contact.h"
+#include "palpate/reduction/modes.h"
 #include "palpate/simulation/world.h"
 
 namespace palpate {
@@ -13,11 +14,9 @@ struct NodeSum {
   std::vector<std::pair<int, double>> nodes;
 };
 
-/// What the modes of a body that the tool touches were made of; world frame.
-struct PartnerBasis {
+/// Of a body that the tool touches; world frame, free nodes, of a rigid body its six motions and no places.
+struct PartnerBasis : ModalBasis {
   int body = -1;
-  MatX modes;   ///< mass-normalized, [3 free x r], of a rigid body [6 x r]
-  VecX places;  ///< of the free nodes where they were made, corrections included [m]
 };
 
 /// A body that the tool touches, reduced: its lowest modes, with what it rests on tied (docs/live.md).

@@ -18,11 +18,6 @@ constexpr double kLeastCompliance = 1e-7, kMostShift = 1.0;  // [m/N]
 constexpr double kMostFacet = 0.1;                           // [rad]: by which a point's normal is turned
 constexpr double kMostRise = 1e-3;                           // [m]
 
-const BodyCorrection* correctionOf(const std::vector<BodyCorrection>& corrections, int body) {
-  const auto it = std::find_if(corrections.begin(), corrections.end(), [&](const auto& c) { return c.body == body; });
-  return it == corrections.end() ? nullptr : &*it;
-}
-
 Mat6 pointInertia(double mass, const Vec3& place) {
   Eigen::Matrix<double, 3, 6> g;
   g << Mat3::Identity(), -skew(place);
@@ -532,7 +527,7 @@ void dampForces(const World& world, double h, DampedForces& damped) {
     const Contact& c = memory.loaded[k];
     const bool first = c.first.body == world.toolIndex();
     if (!first && c.second.body != world.toolIndex()) continue;
-    const Vec3 force = c.frame().transpose() * memory.loaded_force.segment<3>(static_cast<Eigen::Index>(3 * k));
+    const Vec3 force = memory.loadedForce(k);
     const auto same = std::find_if(next.begin(), next.end(), [&](const auto& d) { return d.first == c.track; });
     Vec3& sum = same != next.end() ? same->second : next.emplace_back(c.track, Vec3::Zero()).second;
     sum += rt * (first ? force : Vec3(-force));

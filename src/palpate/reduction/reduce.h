@@ -21,14 +21,9 @@ ToolShape toolShape(const World& world);
 /// Mass of each coordinate of the free nodes [kg].
 VecX freeMasses(const BodyModel& tool);
 
-/// What a model was made of; projects later states of the same tool on its modes.
-struct LiveBasis {
-  MatX modes;                            ///< Q, handle's frame, [3 free x r]
-  VecX places;                           ///< y1
+/// What a model was made of: the tool's modes in the handle's frame, y1.
+struct LiveBasis : ModalBasis {
   std::vector<PartnerBasis> partners{};  ///< in the order of their modes in the model
-
-  /// Q^T M of a field on the free nodes.
-  VecX project(const VecX& mass, const VecX& field) const { return modes.transpose() * mass.cwiseProduct(field); }
 };
 
 /// Force at a contact as the tool's damping lets it through, by the contact's track; handle's frame [N].

@@ -17,6 +17,10 @@ const ContactMemory::Force* ContactMemory::find(std::uint64_t track) const {
   return at != forces.end() && at->track == track ? &*at : nullptr;
 }
 
+Vec3 ContactMemory::loadedForce(std::size_t k) const {
+  return loaded[k].frame().transpose() * loaded_force.segment<3>(static_cast<Eigen::Index>(3 * k));
+}
+
 void ContactMemory::tracks(std::vector<std::uint64_t>& out) const {
   out.clear();
   for (const Force& f : forces) out.push_back(f.track);

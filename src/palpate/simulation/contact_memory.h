@@ -30,6 +30,8 @@ struct ContactMemory {
   /// Nodes of a body among `touched`; appends.
   void touchedNodes(int body, int nodes, std::vector<int>& out) const;
   const Force* find(std::uint64_t track) const;
+  /// Of the k-th loaded contact, world frame [N].
+  Vec3 loadedForce(std::size_t k) const;
   /// Tracks of the forces, sorted.
   void tracks(std::vector<std::uint64_t>& out) const;
 };

@@ -29,6 +29,12 @@ struct BodyCorrection {
   VecX shift, velocity;
 };
 
+/// That of a body, or null.
+inline const BodyCorrection* correctionOf(const std::vector<BodyCorrection>& corrections, int body) {
+  const auto at = std::find_if(corrections.begin(), corrections.end(), [&](const auto& c) { return c.body == body; });
+  return at == corrections.end() ? nullptr : &*at;
+}
+
 /// What the tool's handle does during a step instead of being pulled: it follows recorded states.
 struct ToolPath {
   std::vector<HandleState> points;  ///< at equal intervals, the first at the start of the step, the last at its end

@@ -180,9 +180,7 @@ void World::beginBody(int i, const StepInput& input, BodyBegin& begin) {
   begin.times = {};
   {
     const ScopedTimer timer(begin.times.assemble);
-    const auto& others = input.followed.others;
-    const auto own = std::find_if(others.begin(), others.end(), [&](const auto& c) { return c.body == i; });
-    body.assemble(input, state_.bodies[i], own == others.end() ? nullptr : &*own);
+    body.assemble(input, state_.bodies[i], correctionOf(input.followed.others, i));
   }
   {
     const ScopedTimer timer(begin.times.factorize);

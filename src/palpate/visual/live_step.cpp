@@ -98,11 +98,11 @@ void LiveVisual::correctPartners(const World& world, const LiveState& replayed) 
       speed.segment<3>(3 * k) = body.state.velocities.segment<3>(3 * i);
     }
     const VecX mass = freeMasses(body.model);
-    const auto project = [&](const VecX& field) { return VecX(basis.modes.transpose() * mass.cwiseProduct(field)); };
     BodyCorrection correction{basis.body, {}, {}};
-    correction.shift = basis.modes * (settings_.feedback * (replayed.z.segment(first, r) - project(moved)));
+    correction.shift = basis.modes * (settings_.feedback * (replayed.z.segment(first, r) - basis.project(mass, moved)));
     if (correction.shift.cwiseAbs().maxCoeff() > kFarthest) continue;
-    correction.velocity = basis.modes * (settings_.feedback * (replayed.speed.segment(first, r) - project(speed)));
+    correction.velocity =
+        basis.modes * (settings_.feedback * (replayed.speed.segment(first, r) - basis.project(mass, speed)));
     state_.others.push_back(std::move(correction));
   }
 }
