@@ -34,7 +34,7 @@ class TemporaryFolder {
     std::string name = (std::filesystem::temp_directory_path() / "palpate-XXXXXX").string();
     if (mkdtemp(name.data()) == nullptr) throw RunError(name + ": no temporary folder can be made");
     path_ = name;
-    markProvisional(path_);
+    markProvisional(path_, true);
   }
   ~TemporaryFolder() {
     std::error_code ignored;

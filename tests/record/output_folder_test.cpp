@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include <chrono>
 #include <cmath>
 #include <filesystem>
 #include <fstream>
@@ -10,6 +11,7 @@
 #include <nlohmann/json.hpp>
 #include <sstream>
 #include <string>
+#include <thread>
 
 #include "palpate/common/error.h"
 #include "palpate/common/interruption.h"
@@ -71,6 +73,42 @@ TEST_F(OutputFolders, ASignalLeavesNothing) {
       },
       testing::KilledBySignal(SIGINT), "");
   EXPECT_FALSE(fs::exists(root_));
+}
+
+// A thread can be about to make a file that it has announced when the signal comes to another thread.
+TEST_F(OutputFolders, ASignalTakesWhatOtherThreadsMakeMeanwhile) {
+  EXPECT_EXIT(
+      {
+        endCleanlyOnSignals();
+        OutputFolder folder(root_ / "a");
+        const fs::path announced = folder.stage("a.txt");
+        std::thread late([&] {
+          while (!interruption::locked.load()) std::this_thread::yield();
+          std::this_thread::sleep_for(std::chrono::microseconds(500));
+          std::ofstream(announced) << "half";
+        });
+        ::raise(SIGINT);
+        late.join();
+      },
+      testing::KilledBySignal(SIGINT), "");
+  EXPECT_FALSE(fs::exists(root_));
+}
+
+TEST_F(OutputFolders, ASignalTakesAWholeFolder) {
+  fs::create_directories(root_ / "kept");
+  EXPECT_EXIT(
+      {
+        endCleanlyOnSignals();
+        markProvisional(root_ / "work", true);
+        fs::create_directories(root_ / "work" / "below" / "further");
+        fs::create_directory_symlink(root_ / "kept", root_ / "work" / "link");
+        for (int i = 0; i < 200; ++i) std::ofstream(root_ / "work" / "below" / std::to_string(i)) << "x";
+        std::ofstream(root_ / "kept" / "file") << "x";
+        ::raise(SIGINT);
+      },
+      testing::KilledBySignal(SIGINT), "");
+  EXPECT_FALSE(fs::exists(root_ / "work"));
+  EXPECT_TRUE(fs::exists(root_ / "kept" / "file")) << "a link was followed";
 }
 
 TEST_F(OutputFolders, ASignalWaitsForACommit) {

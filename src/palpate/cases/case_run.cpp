@@ -123,7 +123,7 @@ class Workplace {
   explicit Workplace(const fs::path& at)
       : at_(at), path_(at / fmt::format("{}{}-{}", kPartial, hostName(), ::getpid())) {
     std::error_code failed;
-    markProvisional(path_);
+    markProvisional(path_, true);
     fs::remove_all(path_, failed);
     fs::create_directory(path_, failed);
     if (failed) throw RunError(path_.string() + ": cannot make this folder: " + failed.message());

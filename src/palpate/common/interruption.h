@@ -1,10 +1,16 @@
 #pragma once
 
+#include <dirent.h>
+#include <fcntl.h>
 #include <signal.h>
+#include <sys/syscall.h>
+#include <time.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <atomic>
+#include <cerrno>
+#include <cstring>
 #include <filesystem>
 #include <initializer_list>
 #include <string>
@@ -23,10 +29,61 @@ inline std::atomic<int> listeners = 0;
 inline std::atomic<int> asked_by = 0;
 inline std::atomic<bool> asked = false;
 
+struct Provisional {
+  std::string path;
+  bool whole;  ///< a folder with all that is in it
+};
+
 // Never destroyed: a signal may come while the program ends.
-inline std::vector<std::string>& provisional() {
-  static auto* paths = new std::vector<std::string>;
+inline std::vector<Provisional>& provisional() {
+  static auto* paths = new std::vector<Provisional>;
   return *paths;
+}
+
+// Removes what is in an open folder. Only system calls: a signal handler must not allocate, and the interrupted thread
+// may hold the lock of the heap.
+inline void removeContents(int folder, int level = 0) {
+  alignas(dirent64) char buffer[2048];
+  for (long size; (size = ::syscall(SYS_getdents64, folder, buffer, sizeof buffer)) > 0;) {
+    for (long at = 0; at < size;) {
+      const auto* entry = reinterpret_cast<const dirent64*>(buffer + at);
+      at += entry->d_reclen;
+      const char* name = entry->d_name;
+      if (std::strcmp(name, ".") == 0 || std::strcmp(name, "..") == 0 || ::unlinkat(folder, name, 0) == 0) continue;
+      const int inner = level < 8 ? ::openat(folder, name, O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC) : -1;
+      if (inner < 0) continue;
+      removeContents(inner, level + 1);
+      ::close(inner);
+      ::unlinkat(folder, name, AT_REMOVEDIR);
+    }
+  }
+}
+
+/// @returns whether it is gone now and was there before
+inline bool removeProvisional(const Provisional& what) {
+  const char* path = what.path.c_str();
+  if (::unlink(path) == 0) return true;
+  if (what.whole) {
+    const int folder = ::open(path, O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC);
+    if (folder >= 0) {
+      removeContents(folder);
+      ::close(folder);
+    }
+  }
+  return ::rmdir(path) == 0;  // a folder with anything else in it stays
+}
+
+// Other threads run on meanwhile, and each can still make the file that it has announced (for the next one it needs
+// the lock): they get the time to, and what they made goes too.
+inline void removeAllProvisional() {
+  const std::vector<Provisional>& paths = provisional();
+  for (int quiet = 0, tries = 0; quiet < 3 && tries < 50; ++tries) {
+    bool removed = false;
+    for (auto path = paths.rbegin(); path != paths.rend(); ++path) removed |= removeProvisional(*path);  // files first
+    quiet = removed ? 0 : quiet + 1;
+    const timespec pause = {0, 1'000'000};
+    if (!paths.empty()) ::nanosleep(&pause, nullptr);
+  }
 }
 
 inline void handle(int signal) {
@@ -37,10 +94,7 @@ inline void handle(int signal) {
   }
   while (locked.exchange(true, std::memory_order_acquire)) {
   }
-  const std::vector<std::string>& paths = provisional();
-  for (auto path = paths.rbegin(); path != paths.rend(); ++path) {  // files before their folders
-    if (::unlink(path->c_str()) != 0) ::rmdir(path->c_str());       // a folder with anything else in it stays
-  }
+  removeAllProvisional();
   ::signal(signal, SIG_DFL);
   ::raise(signal);  // ends the program as this returns
 }
@@ -70,17 +124,19 @@ class UninterruptedScope {
   sigset_t before_;
 };
 
-/// A file, or a folder as far as it is empty, to be removed if a signal ends the program; the latest goes first.
-inline void markProvisional(const std::filesystem::path& path) {
+/// A file, or a folder as far as it is empty, to be removed if a signal ends the program; the latest goes first. To be
+/// called before it is made.
+/// @param whole  a folder goes with all that is in it
+inline void markProvisional(const std::filesystem::path& path, bool whole = false) {
   const UninterruptedScope scope;
-  interruption::provisional().push_back(path.string());
+  interruption::provisional().push_back({path.string(), whole});
 }
 
 /// It stays, or is gone.
 inline void unmarkProvisional(const std::filesystem::path& path) {
   const UninterruptedScope scope;
-  std::vector<std::string>& paths = interruption::provisional();
-  const auto at = std::find(paths.begin(), paths.end(), path.string());
+  std::vector<interruption::Provisional>& paths = interruption::provisional();
+  const auto at = std::find_if(paths.begin(), paths.end(), [&](const auto& p) { return p.path == path.string(); });
   if (at != paths.end()) paths.erase(at);
 }
 

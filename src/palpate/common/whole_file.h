@@ -20,9 +20,13 @@ struct WriteFailure {
 /// @returns what failed
 inline std::optional<WriteFailure> writeThenRename(const std::string& path, const std::string& temporary,
                                                    std::string_view contents) {
-  std::FILE* file = std::fopen(temporary.c_str(), "wb");
-  if (!file) return WriteFailure{false, std::strerror(errno)};
   markProvisional(temporary);
+  std::FILE* file = std::fopen(temporary.c_str(), "wb");
+  if (!file) {
+    const std::string cause = std::strerror(errno);
+    unmarkProvisional(temporary);
+    return WriteFailure{false, cause};
+  }
   const bool written = std::fwrite(contents.data(), 1, contents.size(), file) == contents.size();
   const bool closed = std::fclose(file) == 0;
   const bool placed = written && closed && std::rename(temporary.c_str(), path.c_str()) == 0;

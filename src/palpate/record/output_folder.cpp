@@ -24,11 +24,13 @@ std::string temporaryName(const std::string& name) {
 
 void requireWritable(const fs::path& folder) {
   const fs::path probe = folder / temporaryName("probe");
+  markProvisional(probe);
   errno = 0;
   const bool opened = std::ofstream(probe, std::ios::binary).is_open();
   const int cause = errno;
   std::error_code ignored;
   fs::remove(probe, ignored);
+  unmarkProvisional(probe);
   if (!opened)
     throw InputError(folder.string(), "", std::string("cannot write into this folder: ") + std::strerror(cause));
 }
