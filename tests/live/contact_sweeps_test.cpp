@@ -78,5 +78,33 @@ TEST(ContactSweeps, HoldWhatIsTied) {
   }
 }
 
+// A support pulls against the slip with what its load bears, and holds below that; its load follows the contact.
+TEST(ContactSweeps, SupportsHoldAsFarAsTheirLoadBears) {
+  constexpr double kPerNewton = 1e-3, kFriction = 0.5;  // [m/N]
+  for (const double pushed : {2e-4, 2e-3}) {
+    for (const double pressed : {0.0, 1e-3}) {
+      TickContacts c;
+      c.count = 2;
+      c.supports = 1;
+      c.compliance = kPerNewton * MatX::Identity(6, 6);
+      c.free = RowVector::Zero(6);
+      c.free[2] = -pressed;
+      c.free[3] = pushed;
+      c.normal[0] = c.normal[1] = Vec3::UnitZ();
+      c.friction[0] = 0;
+      c.friction[1] = kFriction;
+      c.load[0] = 1.0;
+      c.bearing.setZero(1, 6);
+      c.bearing(0, 2) = 1.0;
+      EXPECT_TRUE(c.any());
+      RowVector force = RowVector::Zero(6);
+      sweep(c, 100, force);
+      EXPECT_NEAR(force[2], pressed / kPerNewton, 1e-9);
+      EXPECT_NEAR(force[3], -std::min(pushed / kPerNewton, kFriction * (1.0 + force[2])), 1e-6);
+      EXPECT_EQ(force[5], 0) << "the motions along the normal are held elsewhere";
+    }
+  }
+}
+
 }  // namespace
 }  // namespace palpate

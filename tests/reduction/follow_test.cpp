@@ -3,6 +3,7 @@
 
 #include "palpate/math/rotation.h"
 #include "shared/held_scenes.h"
+#include "shared/pair_scenes.h"
 
 namespace palpate {
 namespace {
@@ -149,6 +150,27 @@ TEST(Follow, OtherBodiesAreCorrected) {
   }
   const double kinetic = 0.5 * held.world.body(1).model.totalMass() * faster.squaredNorm();
   EXPECT_NEAR(report.energy_corrected, kinetic, 1e-6 * kinetic);
+  EXPECT_EQ(report.energy_made, 0);
+}
+
+TEST(Follow, RigidBodiesAreCorrected) {
+  Held held(0.1);
+  held.world.gravity.setZero();
+  held.world.add(
+      BodyModel::rigid("other", placed(boxSurface({0.04, 0.03, 0.02}), {Vec3(0.3, 0, 0.5), Quat::Identity()}), 1000));
+  ToolPath path = straight(held.world.tool().state.handle.pose, Vec6::Zero(), kStep);
+  ASSERT_EQ(held.world.follow(path, kStep).status, StepStatus::ok);
+  const Pose before = held.world.body(1).state.handle.pose;
+  Vec6 shift, faster;
+  shift << 1e-3, -2e-3, 3e-3, 0.01, 0, 0;
+  faster << 0.1, 0.2, -0.3, 0, 0, 0.5;
+  path.others = {{1, shift, faster}};
+  const StepReport report = held.world.follow(path, kStep);
+  ASSERT_EQ(report.status, StepStatus::ok);
+  const BodyState& after = held.world.body(1).state;
+  EXPECT_LT((poseDifference(after.handle.pose, before) - shift - kStep * faster).norm(), 1e-9);
+  EXPECT_LT((after.handle.twist - faster).norm(), 1e-9) << "a correction is no motion";
+  EXPECT_GT(report.energy_corrected, 0.5 * held.world.body(1).model.totalMass() * faster.head<3>().squaredNorm());
   EXPECT_EQ(report.energy_made, 0);
 }
 

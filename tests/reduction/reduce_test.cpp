@@ -474,5 +474,110 @@ TEST(PartnerModes, ARigidBodyHasTheMotionsThatNothingHolds) {
   }
 }
 
+// A soft block that stands on a loose rigid box: the model has the box's motions in the plane, and what holds it is the
+// friction of the ground, as far as what lies on it bears that.
+struct OnALooseBox {
+  static constexpr double kGroundFriction = 0.2, kStep = 0.033;
+  World world;
+  LiveBasis basis;
+  OnALooseBox() {
+    Material material;
+    material.youngs_modulus = 4e4;
+    material.damping_beta = 0.002;
+    BodyModel tool("tool", moved(barMesh({0.02, 0.02, 0.03}, {2, 2, 3}), {Vec3(0, 0, 0.0305), Quat::Identity()}),
+                   material);
+    holdNodes(
+        tool, [](const Vec3& p) { return p.z() > 0.0604; }, kPlainHandle);
+    world.link = {700, 5, 1.0, 0.005};
+    world.obstacles = {ground()};
+    world.obstacles[0].friction = kGroundFriction;
+    world.add(std::move(tool));
+    world.add(BodyModel::rigid("box", placed(boxSurface({0.05, 0.04, 0.03}), {Vec3(0, 0, 1e-4), Quat::Identity()}), 800,
+                               0.9));
+    Pose down = world.tool().state.handle.pose;
+    for (int k = 0; k < 30; ++k) {
+      down.position.z() -= k < 10 ? 2e-4 : 0.0;
+      if (world.step({down, Vec6::Zero()}, kStep).failed()) ADD_FAILURE();
+    }
+  }
+  LiveModel reduced() {
+    ToolReduction reduction;
+    DampedForces damped;
+    dampForces(world, 1e3, damped);
+    return reduction.reduce(world, {}, {toolShape(world), damped, MatX(), kStep, {}, {}}, basis);
+  }
+  double weight() const { return world.gravity.norm() * world.body(1).model.totalMass(); }
+};
+
+TEST(PartnerModes, ALooseBoxIsHeldByFrictionAlone) {
+  OnALooseBox scene;
+  const LiveModel model = scene.reduced();
+  ASSERT_TRUE(isFinite(model));
+  ASSERT_GE(model.partner_modes, 3);
+  ASSERT_GE(model.supports, 2);
+  const int first = model.contacts - model.supports;
+  double load = 0, pressed = 0;
+  for (int i = 0; i < model.contacts; ++i) {
+    if (i < first) {
+      EXPECT_NE(model.surface[i].kind, LiveSurface::Kind::support);
+      pressed += (model.pose.rotation * model.contact_force.segment<3>(3 * i)).z();
+      continue;
+    }
+    EXPECT_EQ(model.surface[i].kind, LiveSurface::Kind::support);
+    EXPECT_NEAR(model.friction[i], OnALooseBox::kGroundFriction, 1e-12);
+    load += model.surface[i].load;
+  }
+  ASSERT_GT(pressed, 0.1);
+  EXPECT_NEAR(load, pressed + scene.weight(), 0.01 * load);
+  // what presses on the box is borne by the ground, whatever the place
+  for (int i = 0; i < first; ++i) {
+    const Vec3 borne = model.bearing.middleCols<3>(3 * i).colwise().sum() * model.pose.matrix().transpose();
+    if (model.contact_force.segment<3>(3 * i).norm() > 0) {
+      EXPECT_NEAR(borne.z(), 1.0, 0.01);
+    }
+  }
+}
+
+// Led aside, the tool of the model takes the box along against the ground's friction, as the tool of the world does.
+TEST(PartnerModes, ALooseBoxSlidesInTheModel) {
+  OnALooseBox scene;
+  const LiveModel model = scene.reduced();
+  LiveTick tick;
+  LiveState state = startState(model);
+  Pose pose = model.pose;
+  Vec6 twist = model.twist, aside = Vec6::Zero();
+  const Vec3 from = scene.world.body(1).state.handle.pose.position;
+  Pose device = pose;
+  LiveTickInput input;
+  input.link = scene.world.link;
+  input.gravity = scene.world.gravity;
+  aside[0] = 0.2;
+  for (int k = 0; k < 120; ++k) {
+    device = advance(device, 1e-3 * aside);
+    input.device = device;
+    input.device_twist = aside;
+    const Vec6 next = tick.step(model, input, pose, twist, state);
+    pose = advance(pose, 1e-3 * next);
+    twist = next;
+  }
+  ASSERT_TRUE(isFinite(state));
+  Vec3 tool = Vec3::Zero(), support = Vec3::Zero();
+  for (int i = 0; i < model.contacts; ++i) {
+    (i < model.contacts - model.supports ? tool : support) += state.contact_force.segment<3>(3 * i);
+  }
+  const double most = OnALooseBox::kGroundFriction * (tool.z() + scene.weight());
+  EXPECT_NEAR(support.x(), -most, 0.03 * most);
+  // the same in the world, in its own fine steps
+  device = scene.world.tool().state.handle.pose;
+  for (int k = 0; k < 120; ++k) {
+    device = advance(device, 1e-3 * aside);
+    ASSERT_FALSE(scene.world.step({device, aside}, 1e-3).failed());
+  }
+  const double way = scene.world.body(1).state.handle.pose.position.x() - from.x();
+  VecX moved = scene.basis.partners[0].modes * state.z.tail(model.partner_modes);
+  EXPECT_GT(way, 5e-3);
+  EXPECT_NEAR(moved[0], way, 0.15 * way);
+}
+
 }  // namespace
 }  // namespace palpate

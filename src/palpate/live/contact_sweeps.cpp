@@ -72,9 +72,20 @@ Vec3 pressedAgainst(const TickContacts& contacts, const Polygon& polygon, int i,
   return after + pull;
 }
 
+// The friction of a support, so that it holds by itself.
+Vec3 supportedAgainst(const TickContacts& contacts, const Polygon& polygon, int i, const Vec3& before, const Vec3& way,
+                      double across, double load) {
+  const Vec3& n = contacts.normal[i];
+  const Vec3 wanted = before - way / across;
+  Vec3 pull = wanted - n.dot(wanted) * n;
+  limit(contacts, polygon, i, contacts.friction[i] * std::max(0.0, load), pull);
+  return pull;
+}
+
 }  // namespace
 
 bool TickContacts::any() const noexcept {
+  if (supports > 0) return true;
   for (int i = 0; i < count; ++i) {
     if (tied[i] || gap[i] + normal[i].dot(free.segment<3>(3 * i)) < 0) return true;
   }
@@ -97,6 +108,9 @@ void sweep(const TickContacts& contacts, int sweeps, RowVector& force) noexcept 
   const Polygon polygon(contacts.facets);
   RowVector s = contacts.free;
   addProduct(1.0, g, force.data(), s.data());
+  const int first_support = contacts.count - contacts.supports;
+  std::array<double, LiveSize::kSupports> load = contacts.load;
+  if (contacts.supports > 0) addProduct(1.0, contacts.bearing, force.data(), load.data());
   for (int k = 0; k < sweeps; ++k) {
     double most = 0;  // change in this sweep [N]
     for (int i = 0; i < contacts.count; ++i) {
@@ -105,6 +119,8 @@ void sweep(const TickContacts& contacts, int sweeps, RowVector& force) noexcept 
       Vec3 after;
       if (contacts.tied[i]) {
         after = before - stiffness[i] * (way + contacts.away[i]);
+      } else if (i >= first_support) {
+        after = supportedAgainst(contacts, polygon, i, before, way, across[i], load[i - first_support]);
       } else {
         after = pressedAgainst(contacts, polygon, i, before, way, along[i], across[i]);
       }
@@ -113,6 +129,7 @@ void sweep(const TickContacts& contacts, int sweeps, RowVector& force) noexcept 
       most = std::max(most, change.cwiseAbs().maxCoeff());
       s += change[0] * g.col(3 * i) + change[1] * g.col(3 * i + 1) + change[2] * g.col(3 * i + 2);
       force.segment<3>(3 * i) = after;
+      if (contacts.supports > 0) addProduct(1.0, contacts.bearing.middleCols<3>(3 * i), change.data(), load.data());
     }
     if (most < kSettled) return;
   }

@@ -21,6 +21,7 @@ struct LiveSize {
   static constexpr int kModes = kToolModes + kPartnerModes;
   static constexpr int kContacts = 16;
   static constexpr int kRows = 3 * kContacts;
+  static constexpr int kSupports = kContacts / 2;             ///< of the contacts
   static constexpr int kSecond = 4;                           ///< modes with a second order
   static constexpr int kPairs = kSecond * (kSecond + 1) / 2;  ///< of those
   static constexpr int kUnknowns = 6 + kModes;
@@ -41,7 +42,9 @@ struct LiveSurface {
     capsule,   ///< around the segment from a to b, a sphere where they are one
     internal,  ///< the tool itself: the normal is in the handle's frame, and the place is that of one side against the
                ///< other
-    tied       ///< the place `a` of another body, to which the tool is glued: three equalities, no cone
+    tied,      ///< the place `a` of another body, to which the tool is glued: three equalities, no cone
+    support    ///< of a touched body against what it rests on: friction alone, as far as `load` bears it; the normal is
+               ///< in the handle's frame
   };
   Kind kind = Kind::plane;
   Vec3 normal = Vec3::UnitZ();
@@ -51,6 +54,7 @@ struct LiveSurface {
   /// bend normal = 0; positive where the obstacle is convex.
   Mat3 bend = Mat3::Zero();
   static constexpr double kMostTurn = 0.7;  ///< tangent of the angle
+  double load = 0;                          ///< normal force of a support at the model's time [N]
 };
 
 /// The tool, reduced, in the frame of its handle, about the handle's origin (docs/live.md): rigid inertia, the lowest
@@ -98,6 +102,9 @@ struct LiveModel {
   int facets = 0;  ///< of the friction cones, the first vertex along world x made tangent; 0: round, as for many
   static constexpr int kFacets = 16;  ///< at most
   bool partners_yield = false;        ///< W has more than the tool's part
+  int supports = 0;                   ///< the last of the contacts
+  /// What their loads gain by the contacts' forces beyond those at the model's time.
+  BoundedMatrix<LiveSize::kSupports, LiveSize::kRows> bearing;
 
   // second order of the contacts' places: pairs (i, j), i <= j, of the lowest modes
   int second = 0;

@@ -77,12 +77,12 @@ bool isFinite(const LiveModel& model) noexcept {
               model.speed.allFinite() && model.coupling.allFinite() && model.centrifugal.allFinite() &&
               model.arm.allFinite() && model.shape.allFinite() && model.compliance.allFinite() &&
               model.tool_compliance.allFinite() && model.damped_force.allFinite() && model.contact_force.allFinite() &&
-              model.curvature.allFinite();
+              model.curvature.allFinite() && model.bearing.allFinite();
   for (int k = 0; k < 3; ++k) good = good && model.coriolis[k].allFinite() && model.coriolis_torque[k].allFinite();
   for (int i = 0; i < model.contacts; ++i) {
     const LiveSurface& s = model.surface[i];
     good = good && s.normal.allFinite() && s.bend.allFinite() && s.a.allFinite() && s.b.allFinite() &&
-           std::isfinite(s.offset) && std::isfinite(model.friction[i]);
+           std::isfinite(s.offset) && std::isfinite(s.load) && std::isfinite(model.friction[i]);
   }
   return good;
 }
@@ -117,6 +117,12 @@ void LiveTick::placeContacts(const LiveModel& model, const LiveState& state, con
   const Mat3 rotation = pose.matrix();
   contacts_.count = m;
   contacts_.facets = model.facets;
+  contacts_.supports = model.supports;
+  if (model.supports > 0) {
+    for (int k = 0; k < model.supports; ++k) contacts_.load[k] = model.surface[m - model.supports + k].load;
+    addProduct(-1.0, model.bearing, model.contact_force.data(), contacts_.load.data());
+    contacts_.bearing = model.bearing;
+  }
   shape_ = model.shape;
   RowVector bent = model.arm;
   addProduct(1.0, model.shape.leftCols(model.toolModes()), state.z.data(), bent.data());
@@ -142,6 +148,12 @@ void LiveTick::placeContacts(const LiveModel& model, const LiveState& state, con
     contacts_.friction[i] = model.friction[i];
     const LiveSurface& surface = model.surface[i];
     contacts_.tied[i] = surface.kind == LiveSurface::Kind::tied;
+    if (surface.kind == LiveSurface::Kind::support) {
+      jacobian_.block<3, 6>(3 * i, 0).setZero();
+      contacts_.normal[i] = surface.normal;
+      contacts_.gap[i] = 0;
+      continue;
+    }
     if (surface.kind == LiveSurface::Kind::internal) {
       jacobian_.block<3, 6>(3 * i, 0).setZero();
       contacts_.normal[i] = surface.normal;
@@ -251,7 +263,8 @@ void LiveTick::replay(const LiveModel& model, double dt, const Vec3& gravity, co
     const Mat3 turned = rt * to.pose.matrix() - Mat3::Identity();
     const Vec3 moved = rt * (to.pose.position - from.pose.position);
     for (int i = 0; i < model.contacts; ++i) {
-      if (model.surface[i].kind == LiveSurface::Kind::internal) continue;
+      const LiveSurface::Kind kind = model.surface[i].kind;
+      if (kind == LiveSurface::Kind::internal || kind == LiveSurface::Kind::support) continue;
       contacts_.free.segment<3>(3 * i) += moved + turned * place_.segment<3>(3 * i);
     }
     if (contacts_.any()) {

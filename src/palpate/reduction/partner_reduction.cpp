@@ -135,15 +135,16 @@ double slip(const World& world, const Contact& c) {
   return (v - c.normal.dot(v) * c.normal).norm();
 }
 
-std::vector<Tie> tiesOf(const World& world, const std::vector<int>& bodies) {
+std::vector<Tie> tiesOf(const World& world, const std::vector<int>& bodies, bool supported = false) {
   std::vector<Tie> ties;
   const ContactMemory& memory = world.state().contacts;
   for (std::size_t k = 0; k < memory.loaded.size(); ++k) {
     const Contact& c = memory.loaded[k];
     if (involves(c, world.toolIndex())) continue;
     if (std::none_of(bodies.begin(), bodies.end(), [&](int b) { return involves(c, b); })) continue;
-    const bool slides = !c.glued() && memory.find(c.track) != nullptr &&
-                        memory.find(c.track)->status.state > ContactState::stick && slip(world, c) > kSlides;
+    const bool moves = memory.find(c.track) != nullptr && memory.find(c.track)->status.state > ContactState::stick &&
+                       slip(world, c) > kSlides;
+    const bool slides = !c.glued() && (supported || moves);
     ties.push_back({&c, memory.loadedForce(k), slides});
   }
   return ties;
@@ -204,8 +205,9 @@ MatX gluedCompliance(World& world, const std::vector<int>& bodies, const std::ve
 // Of one body. What it rests on is tied: for those rows C, A^-1 becomes A^-1 - U S^-1 U^T, U = A^-1 C^T, S = C U.
 class Rested {
  public:
-  Rested(World& world, int body, const std::vector<NodeSum>& sums) : world_(world), body_(body) {
-    const std::vector<Tie> ties = tiesOf(world, {body});
+  Rested(World& world, int body, const PartnerInput& input) : world_(world), body_(body) {
+    const std::vector<NodeSum>& sums = input.sums;
+    const std::vector<Tie> ties = tiesOf(world, {body}, input.supports != nullptr);
     std::vector<NodeSum> supports;
     for (const Tie& t : ties) supports.push_back(nodesOf(*t.contact, body));
     const MatX all = columnsOf(system(), supports), held = holding(all, ties);
@@ -229,6 +231,20 @@ class Rested {
     if (tied_) rest(rows_, response_);
   }
   const VecX& rub() const { return rub_; }
+
+  // What the loads of these supports, all that hold the body, gain by forces on the sums: -S^-1 C A^-1 J^T.
+  MatX bearing(const std::vector<PartnerSupport>& supports) const {
+    MatX out = MatX::Zero(static_cast<Eigen::Index>(supports.size()), rows_.cols());
+    if (!tied_) return out;
+    MatX gained = held_.transpose() * rows_;
+    factor_.triangularView<Eigen::Lower>().solveInPlace(gained);
+    factor_.triangularView<Eigen::Lower>().transpose().solveInPlace(gained);
+    for (std::size_t s = 0; s < supports.size(); ++s) {
+      for (const int k : supports[s].contacts) out.row(static_cast<Eigen::Index>(s)) -= gained.row(k);
+    }
+    return out;
+  }
+
   BodySystem& system() const { return world_.body(body_).system; }
   const MatX& rows() const { return rows_; }
 
@@ -323,6 +339,7 @@ PartnerMotion motionOf(World& world, int body, const BodyCorrection* correction)
     out.load = VecX::Zero(6);
     out.load.head<3>() = model.handle().mass * world.gravity;
     out.speed = partner.state.handle.twist;
+    if (correction != nullptr) out.speed += correction->velocity;
     return out;
   }
   VecX x = partner.state.positions;
@@ -390,10 +407,85 @@ PartnerModes takeModes(World& world, int body, const Rested& rested, const Partn
     w -= out.shape.col(k) * out.shape.col(k).transpose() / (modes.squared_frequency[k] + s / e);
   }
   out.basis = {{modes.shapes, motion.places}, body};
+  if (model.isRigid()) {
+    out.basis.pose = world.body(body).state.handle.pose;
+    if (input.correction != nullptr) out.basis.pose = advance(out.basis.pose, input.correction->shift);
+    out.basis.mass = system.handleMassAtStart();
+  }
+  return out;
+}
+
+// One contact of a body with what it rests on.
+struct Support {
+  const ContactPoint* point;
+  Vec3 place, normal, force;
+  double load, friction;
+  int contact;  // among those that hold the body
+};
+
+std::vector<Support> allSupports(const World& world, int body) {
+  std::vector<Support> out;
+  const VecX& x = world.body(body).state.positions;
+  const std::vector<Tie> ties = tiesOf(world, {body}, true);
+  for (std::size_t k = 0; k < ties.size(); ++k) {
+    const Contact& c = *ties[k].contact;
+    if (!ties[k].slides) return {};
+    const bool first = c.first.body == body;
+    const double sign = first ? 1.0 : -1.0;
+    Support s{first ? &c.first : &c.second, {}, sign * c.normal, sign * ties[k].force, 0.0, c.friction,
+              static_cast<int>(k)};
+    s.place = s.point->at(x);
+    s.load = s.normal.dot(s.force);
+    if (s.load > 0) out.push_back(s);
+  }
   return out;
 }
 
 }  // namespace
+
+std::vector<PartnerSupport> supportsOf(const World& world, int body, int most) {
+  constexpr double kSameSide = 0.7;   // cosine of the normals
+  constexpr double kOtherSide = 1e3;  // [m]
+  if (!world.body(body).model.isRigid()) return {};
+  if (gluedTo(world.state().contacts.loaded, body, world.toolIndex()).size() > 1) return {};
+  const std::vector<Support> all = allSupports(world, body);
+  if (all.empty()) return {};
+  const auto apart = [&](const Support& a, const Support& b) {
+    return (a.place - b.place).norm() + (a.normal.dot(b.normal) > kSameSide ? 0.0 : kOtherSide);
+  };
+  // the one with the most load, then the farthest
+  const auto heaviest =
+      std::max_element(all.begin(), all.end(), [](const Support& a, const Support& b) { return a.load < b.load; });
+  std::vector<const Support*> seeds{&*heaviest};
+  const auto nearest = [&](const Support& s) {
+    std::size_t found = 0;
+    for (std::size_t k = 1; k < seeds.size(); ++k) {
+      if (apart(s, *seeds[k]) < apart(s, *seeds[found])) found = k;
+    }
+    return found;
+  };
+  const auto distance = [&](const Support& s) { return apart(s, *seeds[nearest(s)]); };
+  const auto farthest = [&] {
+    return &*std::max_element(all.begin(), all.end(),
+                              [&](const Support& a, const Support& b) { return distance(a) < distance(b); });
+  };
+  while (static_cast<int>(seeds.size()) < most && distance(*farthest()) > 0) seeds.push_back(farthest());
+  if (distance(*farthest()) >= kOtherSide) return {};
+  std::vector<PartnerSupport> out(seeds.size());
+  for (PartnerSupport& s : out) s.normal = s.force = Vec3::Zero();
+  for (const Support& s : all) out[nearest(s)].load += s.load;
+  for (const Support& s : all) {
+    PartnerSupport& sum = out[nearest(s)];
+    const double share = s.load / sum.load;
+    for (int k = 0; k < s.point->count; ++k) sum.nodes.emplace_back(s.point->node[k], share * s.point->weight[k]);
+    sum.normal += share * s.normal;
+    sum.friction += share * s.friction;
+    sum.force += s.force - s.load * s.normal;
+    sum.contacts.push_back(s.contact);
+  }
+  for (PartnerSupport& s : out) s.normal.normalize();
+  return out;
+}
 
 PartnerModes reducePartner(World& world, int body, const PartnerInput& input, MatX& out) {
   // impulse to velocity becomes force to displacement: in a step dx = h dv, dlambda = h df, and c = h (h + beta)
@@ -403,9 +495,10 @@ PartnerModes reducePartner(World& world, int body, const PartnerInput& input, Ma
   if (together.size() > 1) {
     own = gluedCompliance(world, together, input.sums);
   } else {
-    const Rested rested(world, body, input.sums);
+    const Rested rested(world, body, input);
     own = rested.gram() * rested.system().stiffnessScale();
     modes = takeModes(world, body, rested, input, own);
+    if (input.supports != nullptr) modes.bearing = rested.bearing(*input.supports);
   }
   for (std::size_t i = 0; i < input.sums.size(); ++i) {
     for (std::size_t j = 0; j < input.sums.size(); ++j) {

@@ -17,6 +17,8 @@ struct NodeSum {
 /// Of a body that the tool touches; world frame, free nodes, of a rigid body its six motions and no places.
 struct PartnerBasis : ModalBasis {
   int body = -1;
+  Pose pose{};               ///< of a rigid body
+  Mat6 mass = Mat6::Zero();  ///< of a rigid body, there
 };
 
 /// A body that the tool touches, reduced: its lowest modes, with what it rests on tied (docs/live.md).
@@ -24,20 +26,35 @@ struct PartnerModes {
   VecX squared_frequency, damping;  ///< [1/s^2], [1/s]
   VecX force, speed;                ///< elastic, weight and all contact; at the model's time
   MatX shape;                       ///< of the sums' rows, world frame
+  MatX bearing;                     ///< what each support's load gains by forces on the sums, world frame
   PartnerBasis basis;
 };
 
+/// Of a rigid body against what it rests on, some of its contacts in one; world frame.
+struct PartnerSupport {
+  std::vector<std::pair<int, double>> nodes;  ///< of the body
+  Vec3 normal;                                ///< into the body
+  double load = 0, friction = 0;              ///< normal force [N]
+  Vec3 force;                                 ///< friction on the body [N]
+  std::vector<int> contacts;                  ///< among those that hold the body
+};
+/// At most `most`. None of a body that is not rigid, is glued to another one, rests on nothing, or is held from more
+/// sides than that.
+std::vector<PartnerSupport> supportsOf(const World& world, int body, int most);
+
 struct PartnerInput {
   const std::vector<NodeSum>& sums;
-  const std::vector<std::pair<NodeSum, Vec3>>& loads;  ///< contact now, where it is [N]
-  const BodyCorrection* correction = nullptr;          ///< that the next step brings
-  const MatX* start = nullptr;                         ///< modes to begin with
-  int modes = 0;                                       ///< at most; none of bodies that are glued
+  const std::vector<std::pair<NodeSum, Vec3>>& loads;     ///< contact now, where it is [N]
+  const BodyCorrection* correction = nullptr;             ///< that the next step brings
+  const MatX* start = nullptr;                            ///< modes to begin with
+  int modes = 0;                                          ///< at most; none of bodies that are glued
+  const std::vector<PartnerSupport>* supports = nullptr;  ///< which are among the sums
 };
 
 /// How much another body gives way at the given places over a visual step, W = h' J A^-1 J^T with the factor of its
 /// last step, without what its modes give [m/N]. What else it rests on holds it: its loaded contacts with others than
-/// the tool are tied. Bodies that are glued to it yield with it.
+/// the tool are tied, by their normals alone where its supports have the friction. Bodies that are glued to it yield
+/// with it.
 /// @param out  is added to, [3 m x 3 m], world frame
 PartnerModes reducePartner(World& world, int body, const PartnerInput& input, MatX& out);
 

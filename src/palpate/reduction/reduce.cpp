@@ -229,6 +229,38 @@ void widen(LiveModel& model, Eigen::Index more) {
 
 }  // namespace
 
+namespace {
+
+// Of a node of another body by its correction.
+Vec3 shiftOf(const Body& body, int node, const BodyCorrection& correction) {
+  if (body.model.isRigid()) {
+    const Vec6 twist = correction.shift;
+    return body.model.handle().jacobian(body.model.attachedIndex()[node], body.state.handle.pose) * twist;
+  }
+  const int row = body.model.row()[node];
+  return row >= 0 ? Vec3(correction.shift.segment<3>(3 * row)) : Vec3(Vec3::Zero());
+}
+
+using BodySupport = std::pair<int, PartnerSupport>;
+
+// Of the bodies that the tool touches; all of a body's or none, at most so many.
+std::vector<BodySupport> supportsOfTouched(const World& world, const std::vector<TouchPoint>& points, int most) {
+  constexpr int kOfOne = 3;
+  std::vector<BodySupport> out;
+  std::vector<char> seen(static_cast<std::size_t>(world.bodies()), 0);
+  for (const TouchPoint& p : points) {
+    const int b = p.contact.second.body;
+    if (p.internal || p.tied || b < 0 || seen[static_cast<std::size_t>(b)]) continue;
+    seen[static_cast<std::size_t>(b)] = 1;
+    const std::vector<PartnerSupport> own = supportsOf(world, b, kOfOne);
+    if (static_cast<int>(out.size() + own.size()) > most) break;
+    for (const PartnerSupport& s : own) out.emplace_back(b, s);
+  }
+  return out;
+}
+
+}  // namespace
+
 // What the touched bodies give way, in the world's frame, and their lowest modes.
 void ToolReduction::addPartners(World& world, const LiveSettings& settings, const Input& input,
                                 const std::vector<TouchedBody>& touched, LiveBasis& basis, LiveModel& model,
@@ -242,11 +274,20 @@ void ToolReduction::addPartners(World& world, const LiveSettings& settings, cons
     model.partners_yield = true;
     PartnerInput partner{own, touched[static_cast<std::size_t>(b)].loads, correctionOf(input.corrections, b), nullptr,
                          0};
+    const std::vector<PartnerSupport>& supports = touched[static_cast<std::size_t>(b)].supports;
+    if (!supports.empty()) partner.supports = &supports;
     partner.modes = std::min<int>(settings.partner_modes, left / static_cast<int>(waiting--));
     for (const PartnerBasis& p : input.partners) {
       if (p.body == b) partner.start = &p.modes;
     }
     PartnerModes modes = reducePartner(world, b, partner, others);
+    for (std::size_t s = 0; s < supports.size(); ++s) {
+      const int row = own[own.size() - supports.size() + s].row / 3 - (model.contacts - model.supports);
+      for (std::size_t k = 0; k < own.size(); ++k) {
+        model.bearing.block<1, 3>(row, own[k].row) =
+            modes.bearing.block<1, 3>(static_cast<Eigen::Index>(s), static_cast<Eigen::Index>(3 * k)) * rt.transpose();
+      }
+    }
     const Eigen::Index r = modes.squared_frequency.size();
     if (r == 0) continue;
     left -= static_cast<int>(r);
@@ -283,8 +324,11 @@ void ToolReduction::addContacts(World& world, const LiveSettings& settings, cons
   const int most = std::clamp(settings.contacts, 0, LiveSize::kContacts);
   const std::vector<TouchPoint> points =
       findTouchPoints(world, positions, speeds, {settings.margin, settings.lookahead, most});
-  const std::vector<TouchCluster> clusters = clusterTouchPoints(points, most);
-  const auto m = static_cast<Eigen::Index>(clusters.size());
+  const std::vector<BodySupport> supports =
+      settings.partner_modes > 0 ? supportsOfTouched(world, points, std::min(most / 2, LiveSize::kSupports))
+                                 : std::vector<BodySupport>();
+  const std::vector<TouchCluster> clusters = clusterTouchPoints(points, most - static_cast<int>(supports.size()));
+  const auto m = static_cast<Eigen::Index>(clusters.size() + supports.size());
   const Eigen::Index r = basis.modes.cols();
   model.contacts = static_cast<int>(m);
   model.arm.setZero(3 * m);
@@ -346,8 +390,7 @@ void ToolReduction::addContacts(World& world, const LiveSettings& settings, cons
         const int node = p.contact.second.node[k];
         const double share = weight * p.contact.second.weight[k];
         partner.nodes.emplace_back(node, -share);
-        const int row = world.body(p.contact.second.body).model.row()[node];
-        if (correction != nullptr && row >= 0) foot += share * correction->shift.segment<3>(3 * row);
+        if (correction != nullptr) foot += share * shiftOf(world.body(p.contact.second.body), node, *correction);
       }
     }
     columns_.close();
@@ -377,6 +420,23 @@ void ToolReduction::addContacts(World& world, const LiveSettings& settings, cons
       partners[static_cast<std::size_t>(first.contact.second.body)].sums.push_back(std::move(partner));
     }
   }
+  for (std::size_t k = 0; k < supports.size(); ++k) {
+    const auto& [body, support] = supports[k];
+    const std::size_t g = clusters.size() + k;
+    const auto at = static_cast<Eigen::Index>(3 * g);
+    LiveSurface& surface = model.surface[g];
+    surface = {};
+    surface.kind = LiveSurface::Kind::support;
+    surface.normal = rt * support.normal;
+    surface.load = support.load;
+    model.friction[g] = support.friction;
+    model.contact_force.segment<3>(at) = model.damped_force.segment<3>(at) = rt * support.force;
+    columns_.close();  // nothing of the tool
+    partners[static_cast<std::size_t>(body)].sums.push_back({static_cast<int>(at), support.nodes});
+    partners[static_cast<std::size_t>(body)].supports.push_back(support);
+  }
+  model.supports = static_cast<int>(supports.size());
+  model.bearing.setZero(model.supports, 3 * m);
   model.shape = atContacts(basis.modes);
   // what the merged contacts' forces leave out of those that they stand for
   model.force += basis.modes.transpose() * loads - model.shape.transpose() * merged;

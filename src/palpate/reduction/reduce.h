@@ -32,6 +32,7 @@ using DampedForces = std::vector<std::pair<std::uint64_t, Vec3>>;
 /// What the tool touches of another body: its rows of the model's contacts, and the forces as they are.
 struct TouchedBody {
   std::vector<NodeSum> sums;
+  std::vector<PartnerSupport> supports;  ///< whose rows are the last of the sums
   std::vector<std::pair<NodeSum, Vec3>> loads;
 };
 

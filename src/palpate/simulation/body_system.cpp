@@ -332,6 +332,7 @@ void BodySystem::assembleHandle() {
   }
   if (model_->held()) addLink(wrench);
   b_h_ = mass0_ * start_.twist + h * wrench;
+  if (frameCorrected()) b_h_ += mass0_ * correction_.velocity;
 }
 
 // The reaction of the tool moves a handle on its path by less than a ten thousandth of what it moves a free one.
@@ -466,6 +467,7 @@ void BodySystem::solveFree() {
       v_free_ = carried_ + solution_.col(6);
     } else {
       u_free_ = s_inverse_ * (b_h_ - a_th_.transpose() * solution_.col(6));
+      if (frameCorrected()) u_free_ += correction_.shift / input_.step;
       v_free_ = solution_.col(6) - x_th_ * u_free_;
     }
   }
@@ -546,6 +548,11 @@ double BodySystem::attachmentWork() const {
 
 double BodySystem::correctionEnergy(double elastic) {
   if (corrected()) return shiftEnergy(elastic);
+  if (frameCorrected()) {
+    const VecX& more = correction_.velocity;
+    return (start_.twist + 0.5 * more).dot(mass0_ * more) -
+           handle().mass * input_.gravity.dot(correction_.shift.head<3>());
+  }
   if (!follows()) return 0;
   const FollowedHandle& followed = input_.followed;
   double energy = 0;
@@ -621,7 +628,8 @@ bool BodySystem::advance() {
   }
   if (model_->framed()) {
     // on its path it has the velocity recorded there, not the mean one
-    const Vec6 twist = follows() ? Vec6(input_.followed.end.twist + u_end_ - u_free_) : u_end_;
+    Vec6 twist = follows() ? Vec6(input_.followed.end.twist + u_end_ - u_free_) : u_end_;
+    if (frameCorrected()) twist -= correction_.shift / input_.step;
     model_->setHandle({palpate::advance(start_.pose, input_.step * u_end_), twist}, state);
   }
   return true;

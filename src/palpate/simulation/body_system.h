@@ -220,7 +220,8 @@ class BodySystem {
   /// Where the attached nodes are in the positions that A is of.
   const Pose& grip() const { return follows() ? input_.followed.end.pose : start_.pose; }
   bool follows() const { return model_->held() && input_.followed.on; }
-  bool corrected() const { return correction_.shift.size() > 0; }
+  bool corrected() const { return correction_.shift.size() > 0 && !model_->isRigid(); }
+  bool frameCorrected() const { return correction_.shift.size() > 0 && model_->isRigid(); }
   /// Whether A is of other positions than the start's.
   bool displaced() const { return follows() || corrected(); }
   void moveRigidly();

@@ -23,7 +23,7 @@ inline DeviceTarget between(const DeviceTarget& from, const DeviceTarget& to, do
 }
 
 /// Of a body that nothing leads: a displacement of the free nodes that the next step makes besides, and what is added
-/// to their velocities at its start; world frame, 3 a free node. [m], [m/s]
+/// to their velocities at its start; world frame, 3 a free node. Of a rigid body as a twist, 6. [m; rad], [m/s; rad/s]
 struct BodyCorrection {
   int body = -1;
   VecX shift, velocity;

@@ -89,7 +89,10 @@ void LiveVisual::correctPartners(const World& world, const LiveState& replayed) 
     const Eigen::Index r = basis.modes.cols(), first = at;
     at += r;
     const Body body = world.body(basis.body);
-    if (body.model.isRigid()) continue;
+    if (body.model.isRigid()) {
+      correctFrame(body, basis, replayed.z.segment(first, r), replayed.speed.segment(first, r));
+      continue;
+    }
     const int n = body.model.freeNodes();
     VecX moved(3 * n), speed(3 * n);
     for (int k = 0; k < n; ++k) {
@@ -105,6 +108,21 @@ void LiveVisual::correctPartners(const World& world, const LiveState& replayed) 
         basis.modes * (settings_.feedback * (replayed.speed.segment(first, r) - basis.project(mass, speed)));
     state_.others.push_back(std::move(correction));
   }
+}
+
+// Of a rigid one: its pose and its twist.
+void LiveVisual::correctFrame(const Body& body, const PartnerBasis& basis, const VecX& z, const VecX& speed) {
+  const MatX project = basis.modes.transpose() * basis.mass;
+  const Vec6 moved = poseDifference(body.state.handle.pose, basis.pose);
+  BodyCorrection correction{basis.body, {}, {}};
+  correction.shift = basis.modes * (settings_.feedback * (z - project * moved));
+  for (const Vec3& offset : body.model.handle().offsets) {
+    const Vec3 arm = body.state.handle.pose.rotation * offset;
+    const Vec3 way = correction.shift.head<3>() + Vec3(correction.shift.tail<3>()).cross(arm);
+    if (way.norm() > kFarthest) return;
+  }
+  correction.velocity = basis.modes * (settings_.feedback * (speed - project * body.state.handle.twist));
+  state_.others.push_back(std::move(correction));
 }
 
 void LiveVisual::reduce(World& world, const LiveSettings& settings, const ToolShape& shape, double step,

@@ -43,6 +43,7 @@ class LiveVisual {
   bool replayed(const World& world, const HandlePath& path, LiveState& state);
   ToolShape corrected(const World& world, const LiveState& replayed);
   void correctPartners(const World& world, const LiveState& replayed);
+  void correctFrame(const Body& body, const PartnerBasis& basis, const VecX& z, const VecX& speed);
   void reduce(World& world, const LiveSettings& settings, const ToolShape& shape, double step, std::int64_t index,
               double time);
 
