@@ -3,6 +3,9 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <complex>
+#include <numbers>
+#include <vector>
 
 #include "palpate/common/error.h"
 #include "palpate/devices/prescribed_device.h"
@@ -72,6 +75,52 @@ TEST(Path, SmoothOneRestsInItsKeys) {
     EXPECT_LT((path.at(t + 1e-6, Pose{}).twist - path.at(t, Pose{}).twist).norm(), 1e-4);
   }
   EXPECT_NEAR(path.at(0.5, Pose{}).twist[0], -0.4 * 15.0 / 8.0, 1e-12);
+}
+
+// Random motion on top of the keys: of the size asked for, nothing of it outside its time, the same for a seed, and
+// without what is faster than its band.
+TEST(Path, WandersWithinItsBand) {
+  Wander wander{5.0, Vec3(0.01, 0, 0.002), Vec3(0, 0.1, 0), 1.0, 201.0, 3};
+  const Path path({{0.0, Vec3::Zero(), Vec3::Zero()}}, Interpolation::smooth, wander);
+  const auto offset = [&](double t) { return poseDifference(path.at(t, Pose{}).pose, Pose{}); };
+  for (const double t : {0.0, 1.0, 201.0, 300.0}) {
+    EXPECT_EQ(offset(t).norm(), 0) << t;
+    EXPECT_EQ(path.at(t, Pose{}).twist.norm(), 0) << t;
+  }
+  constexpr double kStep = 1e-5;
+  for (const double t : {1.02, 1.3, 57.0, 200.7, 200.99}) {
+    const Vec6 numeric =
+        poseDifference(path.at(t + kStep, Pose{}).pose, path.at(t - kStep, Pose{}).pose) / (2.0 * kStep);
+    EXPECT_LT((numeric - path.at(t, Pose{}).twist).norm(), 1e-7) << t;
+  }
+  constexpr int kSamples = 19000;  // of 10 ms, without the ends
+  Vec6 square = Vec6::Zero();
+  std::vector<double> along;
+  for (int k = 0; k < kSamples; ++k) {
+    const Vec6 o = offset(5.0 + 0.01 * k);
+    square += o.cwiseAbs2() / kSamples;
+    along.push_back(o[0]);
+  }
+  EXPECT_NEAR(std::sqrt(square[0]), 0.01, 5e-4);
+  EXPECT_NEAR(std::sqrt(square[2]), 0.002, 1e-4);
+  EXPECT_NEAR(std::sqrt(square[4]), 0.1, 5e-3);
+  EXPECT_EQ(square[1] + square[3] + square[5], 0);
+  const auto at = [&](double frequency) {
+    std::complex<double> sum = 0;
+    for (int k = 0; k < kSamples; ++k) {
+      const double window = 0.5 - 0.5 * std::cos(2 * std::numbers::pi * k / kSamples);
+      sum +=
+          window * along[static_cast<std::size_t>(k)] * std::polar(1.0, -2 * std::numbers::pi * frequency * 0.01 * k);
+    }
+    return std::abs(sum) / kSamples;
+  };
+  double within = 0, beyond = 0;
+  for (double f = 0.0; f < 5.0; f += 0.004) within = std::max(within, at(f));
+  for (double f = 5.1; f < 20.0; f += 0.05) beyond = std::max(beyond, at(f));
+  EXPECT_GT(within, 1e-3);
+  EXPECT_LT(beyond, 1e-6);
+  wander.seed = 4;
+  EXPECT_GT((Path({}, Interpolation::smooth, wander).at(60, Pose{}).pose.position - offset(60).head<3>()).norm(), 1e-4);
 }
 
 TEST(Path, RejectsBadKeys) {

@@ -628,5 +628,22 @@ TEST(SceneReader, AliasesWorkWithinTheSchema) {
   expectClose(scene.bodies[1].velocity, {0, 0, -1});
 }
 
+TEST(SceneReader, ReadsAWanderingHand) {
+  const auto hand = [](const std::string& wander) { return kSmallScene + "      hand: {wander: {" + wander + "}}\n"; };
+  const SceneConfig scene =
+      read(hand("band: 5, from: 1, to: 3.5, position: [0.001, 0, 0.002], rotation: [0, 90, 0], seed: 7"));
+  const Wander& wander = scene.tool.chosenHandle().hand.wander;
+  EXPECT_EQ(wander.band, 5);
+  EXPECT_EQ(wander.from, 1);
+  EXPECT_EQ(wander.to, 3.5);
+  EXPECT_EQ(wander.seed, 7U);
+  expectClose(wander.position, {0.001, 0, 0.002});
+  expectClose(wander.rotation, {0, kPi / 2, 0});
+  EXPECT_EQ(read(kSmallScene).tool.chosenHandle().hand.wander.band, 0);
+  EXPECT_NE(rejectedText(hand("from: 1, to: 2")).find("\"band\" is missing"), std::string::npos);
+  EXPECT_NE(rejectedText(hand("band: 60, from: 1, to: 2")).find("at most 50 Hz"), std::string::npos);
+  EXPECT_NE(rejectedText(hand("band: 5, from: 2, to: 2")).find("not later than 2 s"), std::string::npos);
+}
+
 }  // namespace
 }  // namespace palpate

@@ -132,7 +132,7 @@ VecX areaInRegion(const SimulationMesh& rest, const RegionConfig& region) {
 Path buildPath(const HandConfig& hand) {
   std::vector<PathKey> keys;
   for (const KeyframeConfig& k : hand.keyframes) keys.push_back({k.time, k.position, k.rotation});
-  return Path(std::move(keys), hand.smooth ? Interpolation::smooth : Interpolation::linear);
+  return Path(std::move(keys), hand.smooth ? Interpolation::smooth : Interpolation::linear, hand.wander);
 }
 
 Attachment buildAttachment(const AttachmentConfig& config, const BodyConfig& body, const SimulationMesh& rest) {

@@ -13,6 +13,7 @@
 #include "palpate/contact/contact_settings.h"
 #include "palpate/devices/device_options.h"
 #include "palpate/devices/driver.h"
+#include "palpate/devices/path.h"
 #include "palpate/devices/simulated_device.h"
 #include "palpate/fem/material.h"
 #include "palpate/haptics/safety.h"
@@ -166,6 +167,7 @@ struct KeyframeConfig {
 struct HandConfig {
   std::vector<KeyframeConfig> keyframes;  ///< times increase; empty: the hand rests at the start
   bool smooth = true;                     ///< at rest in every keyframe, smooth in between; otherwise piecewise linear
+  Wander wander;                          ///< on top of it; of a tool's hand alone
 };
 
 /// Where the world, or another body, holds a body.

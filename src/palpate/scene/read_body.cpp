@@ -1,6 +1,8 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cstdint>
+#include <limits>
 
 #include "palpate/scene/checks.h"
 #include "palpate/scene/limits.h"
@@ -70,6 +72,21 @@ HandConfig readHand(const Value& value, const std::vector<Field>& others = {}) {
   return hand;
 }
 
+Wander readWander(const Value& value) {
+  const Range when = Range::within(0.0, 3600.0, "s");
+  Wander wander;
+  int seed = 1;
+  value.fields({required(numberField("band", wander.band, Range::within(0.1, 50.0, "Hz"))),
+                vectorField("position", wander.position, Range::within(0.0, 1.0, "m")),
+                rotationField("rotation", wander.rotation, 90.0), required(numberField("from", wander.from, when)),
+                required(numberField("to", wander.to, when)),
+                integerField("seed", seed, 0, std::numeric_limits<int>::max())});
+  wander.seed = static_cast<std::uint32_t>(seed);
+  if (wander.to <= wander.from)
+    value.fail(fmt::format("ends at {:g} s, which is not later than {:g} s", wander.to, wander.from));
+  return wander;
+}
+
 /// Of an attachment: keyframes, which may come again.
 void readMotion(const Value& value, AttachmentConfig& attachment) {
   attachment.motion = readHand(value, {numberField("period", attachment.period, Range::positive(3600.0, "s"))});
@@ -127,7 +144,11 @@ HandleConfig readHandle(const Value& value, const std::string& name, const ToolC
   handle.name = name;
   std::vector<Field> fields{numberField("mass", handle.mass, Range::positive(100.0, "kg")),
                             {"inertia", [&](const Value& v) { handle.inertia = readInertia(v); }},
-                            {"hand", [&](const Value& v) { handle.hand = readHand(v); }}};
+                            {"hand", [&](const Value& v) {
+                               Wander wander;
+                               handle.hand = readHand(v, {{"wander", [&](const Value& w) { wander = readWander(w); }}});
+                               handle.hand.wander = wander;
+                             }}};
   if (tool.rigid) {
     fields.push_back({"region", [](const Value& v) { v.fail("a rigid tool is held as a whole"); }});
   } else {

@@ -109,6 +109,7 @@ HandStudy evaluateHands(const SceneStudy& given, const StudySettings& study, con
   });
   out.hold_time = last->time;
   keys.erase(last + 1, keys.end());
+  out.config.tool.chosenHandle().hand.wander = {};  // held still
   const double from = out.hold_time + settings.settle;
   out.config.duration = from + settings.watch;
 
