@@ -50,6 +50,38 @@ void solve(BodySystem& system, MatX& columns) {
   if (n > 0) columns.topRows(n) -= system.response() * twist;
 }
 
+// A sum's three rows of J times columns.
+Eigen::Matrix<double, 3, Eigen::Dynamic> motionOf(const BodySystem& system, const NodeSum& sum, const MatX& columns) {
+  const BodyModel& model = system.model();
+  Eigen::Matrix<double, 3, Eigen::Dynamic> out(3, columns.cols());
+  out.setZero();
+  for (const auto& [node, weight] : sum.nodes) {
+    const int row = model.row()[node];
+    if (row >= 0) {
+      out += weight * columns.middleRows<3>(3 * row);
+    } else if (!model.isFixed(node)) {
+      out +=
+          weight * model.handle().jacobian(model.attachedIndex()[node], system.startPose()) * columns.bottomRows<6>();
+    }
+  }
+  return out;
+}
+
+// J^T of a sum times forces on it, one a column, is added to loads.
+template <class Forces>
+void addLoads(const BodySystem& system, const NodeSum& sum, const Forces& forces, MatX& loads) {
+  const BodyModel& model = system.model();
+  for (const auto& [node, weight] : sum.nodes) {
+    const int row = model.row()[node];
+    if (row >= 0) {
+      loads.middleRows<3>(3 * row) += weight * forces;
+    } else if (!model.isFixed(node)) {
+      loads.bottomRows<6>() +=
+          weight * model.handle().jacobian(model.attachedIndex()[node], system.startPose()).transpose() * forces;
+    }
+  }
+}
+
 // J A^-1 J^T over sums of nodes.
 MatX gramOf(BodySystem& system, const std::vector<NodeSum>& sums) {
   const MatX columns = columnsOf(system, sums);
@@ -62,7 +94,7 @@ MatX gramOf(BodySystem& system, const std::vector<NodeSum>& sums) {
 // The same of many sums: by half of the solve, and of columns with little in them. Adds the lower triangle.
 void addGram(BodySystem& system, const std::vector<NodeSum>& sums, double scale, MatX& out) {
   if (system.model().framed()) {
-    out += scale * gramOf(system, sums);
+    out.triangularView<Eigen::Lower>() += scale * gramOf(system, sums);
     return;
   }
   BlockColumns columns;
@@ -182,6 +214,16 @@ MatX holding(const MatX& columns, const std::vector<Tie>& ties) {
   return out;
 }
 
+// Of the Gram matrix of sums and of three rows for each tie, lower triangle: the sums' rows, and those that hold.
+MatX holding(const MatX& gram, Eigen::Index own, const std::vector<Tie>& ties) {
+  const MatX all = gram.selfadjointView<Eigen::Lower>();
+  const Eigen::Index three = all.cols() - own, held = rowsOf(ties);
+  MatX wide(all.rows(), own + held), out(own + held, own + held);
+  wide << all.leftCols(own), holding(all.rightCols(three), ties);
+  out << wide.topRows(own), holding(wide.bottomRows(three).transpose(), ties).transpose();
+  return out;
+}
+
 // Of several bodies that are glued: their own, the joints' rows and those of what else they touch held at zero [m/N].
 MatX gluedCompliance(World& world, const std::vector<int>& bodies, const std::vector<NodeSum>& sums) {
   const std::vector<Tie> ties = tiesOf(world, bodies);
@@ -194,50 +236,50 @@ MatX gluedCompliance(World& world, const std::vector<int>& bodies, const std::ve
     BodySystem& system = world.body(b).system;
     addGram(system, rows, system.stiffnessScale(), w);
   }
-  const Eigen::Index held = rowsOf(ties);
-  MatX wide(all, own + held), out(own + held, own + held);
-  w.triangularView<Eigen::StrictlyUpper>() = w.transpose();
-  wide << w.leftCols(own), holding(w.rightCols(all - own), ties);
-  out << wide.topRows(own), holding(wide.bottomRows(all - own).transpose(), ties).transpose();
-  return tied(out, own);
+  return tied(holding(w, own, ties), own);
 }
 
 // Of one body. What it rests on is tied: for those rows C, A^-1 becomes A^-1 - U S^-1 U^T, U = A^-1 C^T, S = C U.
 class Rested {
  public:
-  Rested(World& world, int body, const PartnerInput& input) : world_(world), body_(body) {
-    const std::vector<NodeSum>& sums = input.sums;
-    const std::vector<Tie> ties = tiesOf(world, {body}, input.supports != nullptr);
-    std::vector<NodeSum> supports;
-    for (const Tie& t : ties) supports.push_back(nodesOf(*t.contact, body));
-    const MatX all = columnsOf(system(), supports), held = holding(all, ties);
-    // friction of what slides goes on
-    rub_ = VecX::Zero(unknowns(system().model()));
-    for (std::size_t k = 0; k < ties.size(); ++k) {
-      if (!ties[k].slides) continue;
-      const Vec3& n = ties[k].contact->normal;
-      rub_ += all.middleCols<3>(static_cast<Eigen::Index>(3 * k)) * (ties[k].force - n.dot(ties[k].force) * n);
+  Rested(World& world, int body, const PartnerInput& input)
+      : world_(world), body_(body), sums_(input.sums), ties_(tiesOf(world, {body}, input.supports != nullptr)) {
+    std::vector<NodeSum> rows = sums_;
+    for (const Tie& t : ties_) {
+      holds_.push_back(nodesOf(*t.contact, body));
+      rows.push_back(holds_.back());
     }
-    rows_ = columnsOf(system(), sums);
-    MatX response(rows_.rows(), rows_.cols() + held.cols());
-    response << rows_, held;
-    solve(system(), response);
-    response_ = response.leftCols(rows_.cols());
-    held_ = response.rightCols(held.cols());
-    if (held_.cols() == 0) return;
-    factor_ = held_.transpose() * held;
+    const auto own = static_cast<Eigen::Index>(3 * sums_.size()), all = static_cast<Eigen::Index>(3 * rows.size());
+    MatX gram = MatX::Zero(all, all);
+    addGram(system(), rows, 1.0, gram);
+    gram = holding(gram, own, ties_);
+    gram_ = gram.topLeftCorner(own, own);
+    rub_ = MatX::Zero(unknowns(system().model()), 1);
+    const Eigen::Index held = gram.rows() - own;
+    if (held == 0) return;
+    // friction of what slides goes on
+    for (std::size_t k = 0; k < ties_.size(); ++k) {
+      if (!ties_[k].slides) continue;
+      const Vec3& n = ties_[k].contact->normal;
+      addLoads(system(), holds_[k], Vec3(ties_[k].force - n.dot(ties_[k].force) * n), rub_);
+    }
+    factor_ = gram.bottomRightCorner(held, held);
     shiftDiagonal(factor_);
     tied_ = choleskyInPlace(factor_);
-    if (tied_) rest(rows_, response_);
+    if (!tied_) return;
+    half_ = gram.bottomLeftCorner(held, own);
+    factor_.triangularView<Eigen::Lower>().solveInPlace(half_);
+    gram_ -= half_.transpose() * half_;
   }
-  const VecX& rub() const { return rub_; }
+  const MatX& rub() const { return rub_; }
+  BodySystem& system() const { return world_.body(body_).system; }
+  const MatX& gram() const { return gram_; }  ///< J A^-1 J^T
 
   // What the loads of these supports, all that hold the body, gain by forces on the sums: -S^-1 C A^-1 J^T.
   MatX bearing(const std::vector<PartnerSupport>& supports) const {
-    MatX out = MatX::Zero(static_cast<Eigen::Index>(supports.size()), rows_.cols());
+    MatX out = MatX::Zero(static_cast<Eigen::Index>(supports.size()), gram_.cols());
     if (!tied_) return out;
-    MatX gained = held_.transpose() * rows_;
-    factor_.triangularView<Eigen::Lower>().solveInPlace(gained);
+    MatX gained = half_;
     factor_.triangularView<Eigen::Lower>().transpose().solveInPlace(gained);
     for (std::size_t s = 0; s < supports.size(); ++s) {
       for (const int k : supports[s].contacts) out.row(static_cast<Eigen::Index>(s)) -= gained.row(k);
@@ -245,19 +287,43 @@ class Rested {
     return out;
   }
 
-  BodySystem& system() const { return world_.body(body_).system; }
-  const MatX& rows() const { return rows_; }
-
-  // J A^-1 J^T
-  MatX gram() const {
-    const MatX out = rows_.transpose() * response_;
-    return 0.5 * (out + out.transpose());
+  void solveAll(MatX& columns) const {
+    solve(system(), columns);
+    if (!tied_) return;
+    MatX forces(factor_.rows(), columns.cols());  // C A^-1 loads, then S^-1 of that
+    Eigen::Index at = 0;
+    for (std::size_t k = 0; k < ties_.size(); ++k) {
+      const auto moved = motionOf(system(), holds_[k], columns);
+      if (ties_[k].slides) {
+        forces.row(at) = ties_[k].contact->normal.transpose() * moved;
+      } else {
+        forces.middleRows<3>(at) = moved;
+      }
+      at += ties_[k].rows();
+    }
+    factor_.triangularView<Eigen::Lower>().solveInPlace(forces);
+    factor_.triangularView<Eigen::Lower>().transpose().solveInPlace(forces);
+    MatX held = MatX::Zero(columns.rows(), columns.cols());  // C^T forces
+    at = 0;
+    for (std::size_t k = 0; k < ties_.size(); ++k) {
+      if (ties_[k].slides) {
+        addLoads(system(), holds_[k], MatX(ties_[k].contact->normal * forces.row(at)), held);
+      } else {
+        addLoads(system(), holds_[k], forces.middleRows<3>(at), held);
+      }
+      at += ties_[k].rows();
+    }
+    solve(system(), held);
+    columns -= held;
   }
 
-  void solveAll(MatX& columns) const {
-    const MatX loads = columns;
-    solve(system(), columns);
-    if (tied_) rest(loads, columns);
+  // The sums' motions by columns.
+  MatX moved(const MatX& columns) const {
+    MatX out(static_cast<Eigen::Index>(3 * sums_.size()), columns.cols());
+    for (std::size_t k = 0; k < sums_.size(); ++k) {
+      out.middleRows<3>(static_cast<Eigen::Index>(3 * k)) = motionOf(system(), sums_[k], columns);
+    }
+    return out;
   }
 
   MatX momentum(const MatX& columns) const {
@@ -271,18 +337,13 @@ class Rested {
   }
 
  private:
-  void rest(const MatX& loads, MatX& solution) const {
-    MatX forces = held_.transpose() * loads;
-    factor_.triangularView<Eigen::Lower>().solveInPlace(forces);
-    factor_.triangularView<Eigen::Lower>().transpose().solveInPlace(forces);
-    solution -= held_ * forces;
-  }
-
   World& world_;
   int body_;
-  MatX rows_, response_;  // J^T, A^-1 J^T
-  VecX rub_;              // loads
-  MatX held_, factor_;    // U, of S
+  const std::vector<NodeSum>& sums_;
+  std::vector<Tie> ties_;
+  std::vector<NodeSum> holds_;  // the body's side of the ties
+  MatX gram_, rub_;
+  MatX half_, factor_;  // L^-1 C A^-1 J^T, L of S
   bool tied_ = false;
 };
 
@@ -398,11 +459,11 @@ PartnerModes takeModes(World& world, int body, const Rested& rested, const Partn
   out.squared_frequency = modes.squared_frequency;
   out.damping = (material.damping_alpha + material.damping_beta * modes.squared_frequency.array()).matrix();
   if (model.springStiffness().size() > 0) addSprings(model, modes.shapes, system.input().step, e, out);
-  VecX load = motion.load + rested.rub();
-  for (const auto& [sum, force] : input.loads) load += columnsOf(system, {sum}) * force;
+  MatX load = motion.load + rested.rub();
+  for (const auto& [sum, force] : input.loads) addLoads(system, sum, force, load);
   out.force = modes.shapes.transpose() * load;
   out.speed = modes.shapes.transpose() * rested.momentum(motion.speed);
-  out.shape = rested.rows().transpose() * modes.shapes;
+  out.shape = rested.moved(modes.shapes);
   for (Eigen::Index k = 0; k < r; ++k) {
     w -= out.shape.col(k) * out.shape.col(k).transpose() / (modes.squared_frequency[k] + s / e);
   }
