@@ -1,7 +1,9 @@
 #include "palpate/reduction/contact_clusters.h"
 
 #include <algorithm>
+#include <cstdint>
 #include <limits>
+#include <utility>
 
 namespace palpate {
 namespace {
@@ -39,18 +41,37 @@ void takeTied(const World& world, const VecX& positions, std::vector<TouchPoint>
   }
 }
 
-// The forces of the last step on what is near, sorted by gap: that of the same features, or of the nearest ones that it
-// may have moved on to. What carries force and is not near is appended, as touching.
-std::vector<Vec3> forcesOn(const World& world, std::vector<Contact>& near) {
+// What is near, by its gap: thousands where a large tool lies on a plane, so that they are neither moved nor read as a
+// whole more than once.
+struct Near {
+  double gap;
+  std::uint64_t key, track;
+  std::size_t contact;  // which
+  Vec3 force;           // of the last step [N]
+};
+
+std::vector<Near> byGap(const std::vector<Contact>& contacts) {
+  std::vector<Near> out;
+  out.reserve(contacts.size());
+  for (std::size_t k = 0; k < contacts.size(); ++k) {
+    out.push_back({contacts[k].gap, contacts[k].key, contacts[k].track, k, Vec3::Zero()});
+  }
+  std::sort(out.begin(), out.end(),
+            [](const Near& a, const Near& b) { return std::pair(a.gap, a.key) < std::pair(b.gap, b.key); });
+  return out;
+}
+
+// The forces of the last step on what is near: that of the same features, or of the nearest ones that it may have moved
+// on to. What carries force and is not near is appended, as touching.
+void findForces(const World& world, std::vector<Contact>& contacts, std::vector<Near>& near) {
   const ContactMemory& memory = world.state().contacts;
-  std::vector<Vec3> forces(near.size(), Vec3::Zero());
   std::vector<char> given(near.size(), 0);
   std::vector<std::size_t> left;
   const auto give = [&](std::size_t k, auto same) {
     for (std::size_t i = 0; i < given.size(); ++i) {
       if (given[i] || !same(near[i])) continue;
       given[i] = 1;
-      forces[i] = memory.loadedForce(k);
+      near[i].force = memory.loadedForce(k);
       return true;
     }
     return false;
@@ -58,16 +79,15 @@ std::vector<Vec3> forcesOn(const World& world, std::vector<Contact>& near) {
   for (std::size_t k = 0; k < memory.loaded.size(); ++k) {
     const Contact& c = memory.loaded[k];
     if (c.glued() || (c.first.body != world.toolIndex() && c.second.body != world.toolIndex())) continue;
-    if (!give(k, [&](const Contact& n) { return n.key == c.key; })) left.push_back(k);
+    if (!give(k, [&](const Near& n) { return n.key == c.key; })) left.push_back(k);
   }
   for (const std::size_t k : left) {
     const Contact& c = memory.loaded[k];
-    if (give(k, [&](const Contact& n) { return n.track == c.track; })) continue;
-    near.push_back(c);
-    near.back().gap = 0;
-    forces.push_back(memory.loadedForce(k));
+    if (give(k, [&](const Near& n) { return n.track == c.track; })) continue;
+    near.push_back({0, c.key, c.track, contacts.size(), memory.loadedForce(k)});
+    contacts.push_back(c);
+    contacts.back().gap = 0;
   }
-  return forces;
 }
 
 // Points from `first` on, in at most so many clusters; see clusterTouchPoints().
@@ -131,7 +151,7 @@ void appendClusters(const std::vector<TouchPoint>& points, int first, int end, i
 }  // namespace
 
 std::vector<TouchPoint> findTouchPoints(World& world, const VecX& positions, const VecX& speeds,
-                                        const TouchReach& reach) {
+                                        const TouchReach& reach, std::vector<Contact>& contacts) {
   const double margin = reach.margin, lookahead = reach.lookahead;
   const int tool = world.toolIndex();
   double fastest = 0;
@@ -144,17 +164,17 @@ std::vector<TouchPoint> findTouchPoints(World& world, const VecX& positions, con
     fastest = std::max(fastest, of_body);
   }
   const double ahead = lookahead * fastest > kFarthest ? kFarthest / fastest : lookahead;
-  std::vector<Contact> near;
+  contacts.clear();
   const double sudden = 0.5 * kSudden * lookahead * lookahead;
-  world.nearby({positions, speeds}, margin + lookahead * fastest + sudden, ahead, near);
-
-  std::sort(near.begin(), near.end(),
-            [](const Contact& a, const Contact& b) { return std::pair(a.gap, a.key) < std::pair(b.gap, b.key); });
-  const std::vector<Vec3> forces = forcesOn(world, near);
+  world.nearby({positions, speeds}, margin + lookahead * fastest + sudden, ahead, contacts);
+  std::vector<Near> near = byGap(contacts);
+  findForces(world, contacts, near);
   const auto speedsOf = [&](int body) -> const VecX& {
     return body == tool ? speeds : world.body(body).state.velocities;
   };
   const VecX correction = positions - world.body(tool).state.positions;
+  // what only a sudden start would bring near, as far as there is room: nothing is merged for it
+  const auto room = static_cast<std::size_t>(std::max(0, reach.most));
   std::vector<TouchPoint> out, later;
   takeTied(world, positions, out);
   const auto take = [&](const Contact& found, const Vec3& force) {
@@ -177,13 +197,11 @@ std::vector<TouchPoint> findTouchPoints(World& world, const VecX& positions, con
     const double then = p.gap + lookahead * std::min(0.0, p.contact.normal.dot(closing));
     if (then < margin || !p.force.isZero(0.0)) {
       out.push_back(p);
-    } else if (then < margin + sudden) {
+    } else if (then < margin + sudden && later.size() < room) {
       later.push_back(p);
     }
   };
-  for (std::size_t k = 0; k < near.size(); ++k) take(near[k], forces[k]);
-  // what only a sudden start would bring near, as far as there is room: nothing is merged for it
-  const auto room = static_cast<std::size_t>(std::max(0, reach.most));
+  for (const Near& n : near) take(contacts[n.contact], n.force);
   for (std::size_t k = 0; k < later.size() && out.size() < room; ++k) out.push_back(later[k]);
   return out;
 }

@@ -32,8 +32,9 @@ struct TouchReach {
 /// What the tool touches or may touch within reach; what it is glued to comes first.
 /// @param positions  of the tool's nodes, where they differ from the world's state
 /// @param speeds     of its nodes [m/s]
+/// @param contacts   scratch, which keeps its memory from call to call
 std::vector<TouchPoint> findTouchPoints(World& world, const VecX& positions, const VecX& speeds,
-                                        const TouchReach& reach);
+                                        const TouchReach& reach, std::vector<Contact>& contacts);
 
 /// At most `most` clusters of like facing and like partner, farthest points first. None is dropped; weights follow the
 /// normal force where there is some, else the nearest point stands for all. Of what is tied all points count alike, in

@@ -51,7 +51,7 @@ void solve(BodySystem& system, MatX& columns) {
 }
 
 // A sum's three rows of J times columns.
-Eigen::Matrix<double, 3, Eigen::Dynamic> motionOf(const BodySystem& system, const NodeSum& sum, const MatX& columns) {
+Eigen::Matrix<double, 3, Eigen::Dynamic> applied(const BodySystem& system, const NodeSum& sum, const MatX& columns) {
   const BodyModel& model = system.model();
   Eigen::Matrix<double, 3, Eigen::Dynamic> out(3, columns.cols());
   out.setZero();
@@ -293,7 +293,7 @@ class Rested {
     MatX forces(factor_.rows(), columns.cols());  // C A^-1 loads, then S^-1 of that
     Eigen::Index at = 0;
     for (std::size_t k = 0; k < ties_.size(); ++k) {
-      const auto moved = motionOf(system(), holds_[k], columns);
+      const auto moved = applied(system(), holds_[k], columns);
       if (ties_[k].slides) {
         forces.row(at) = ties_[k].contact->normal.transpose() * moved;
       } else {
@@ -321,7 +321,7 @@ class Rested {
   MatX moved(const MatX& columns) const {
     MatX out(static_cast<Eigen::Index>(3 * sums_.size()), columns.cols());
     for (std::size_t k = 0; k < sums_.size(); ++k) {
-      out.middleRows<3>(static_cast<Eigen::Index>(3 * k)) = motionOf(system(), sums_[k], columns);
+      out.middleRows<3>(static_cast<Eigen::Index>(3 * k)) = applied(system(), sums_[k], columns);
     }
     return out;
   }

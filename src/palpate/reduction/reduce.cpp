@@ -323,7 +323,7 @@ void ToolReduction::addContacts(World& world, const LiveSettings& settings, cons
   }
   const int most = std::clamp(settings.contacts, 0, LiveSize::kContacts);
   const std::vector<TouchPoint> points =
-      findTouchPoints(world, positions, speeds, {settings.margin, settings.lookahead, most});
+      findTouchPoints(world, positions, speeds, {settings.margin, settings.lookahead, most}, near_);
   const std::vector<BodySupport> supports =
       settings.partner_modes > 0 ? supportsOfTouched(world, points, std::min(most / 2, LiveSize::kSupports))
                                  : std::vector<BodySupport>();
