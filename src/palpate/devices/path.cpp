@@ -39,6 +39,7 @@ Path::Path(std::vector<PathKey> keys, Interpolation interpolation, const Wander&
                       wander.position.allFinite() && wander.rotation.allFinite();
   if (!finite || wander.band < 0) throw InputError("path", "wander", "must be finite, its band not negative");
   if (wander.band > 0 && !(wander.to > wander.from)) throw InputError("path", "wander", "ends before it begins");
+  if (wander.band == 0) return;
   std::mt19937 random(wander.seed);
   const auto next = [&] { return static_cast<double>(random()) / 4294967296.0; };  // the same with every library
   for (auto& axis : sines_) {

@@ -2,13 +2,13 @@
 
 #include <algorithm>
 #include <cstdint>
-#include <limits>
 #include <utility>
+
+#include "palpate/reduction/farthest_first.h"
 
 namespace palpate {
 namespace {
 
-constexpr double kAlike = 0.7;      // cosine of the normals within a cluster
 constexpr double kFarthest = 0.03;  // that a surface is followed ahead [m]
 constexpr double kSudden = 20.0;    // [m/s^2]: at which a hand may start
 
@@ -98,37 +98,21 @@ void appendClusters(const std::vector<TouchPoint>& points, int first, int end, i
     for (int i = first; i < end; ++i) out.push_back({{i, 1.0}});
     return;
   }
-  constexpr double kOther = 1e3;  // [m]: farther than any of like facing and partner
-  std::vector<double> distance(points.size(), std::numeric_limits<double>::infinity());
-  std::vector<int> owner(points.size(), 0);
   // the first seed carries the most force, or is nearest
   int seed = first;
   for (int i = first + 1; i < end; ++i) {
     const auto rank = [&](int k) { return std::pair(-pressure(points[k]), points[k].gap); };
     if (!points[i].tied && rank(i) < rank(seed)) seed = i;
   }
-  for (int g = 0; g < most; ++g) {
-    int next = -1;
-    double farthest = 0;
-    for (int i = first; i < end; ++i) {
-      const double d = (points[i].place - points[seed].place).norm() + (alike(points[i], points[seed]) ? 0.0 : kOther);
-      if (d < distance[i]) {
-        distance[i] = d;
-        owner[i] = g;
-      }
-      if (distance[i] > farthest) {
-        farthest = distance[i];
-        next = i;
-      }
-    }
-    if (next < 0) break;
-    seed = next;
-  }
-  for (int g = 0; g < most; ++g) {
+  const Groups groups = farthestFirst(n, seed - first, most, [&](int i, int j) {
+    const TouchPoint &a = points[first + i], &b = points[first + j];
+    return (a.place - b.place).norm() + (alike(a, b) ? 0.0 : kOtherGroup);
+  });
+  for (int g = 0; g < groups.count; ++g) {
     double sum = 0;
     int nearest = -1, count = 0;
     for (int i = first; i < end; ++i) {
-      if (owner[i] != g) continue;
+      if (groups.owner[i - first] != g) continue;
       ++count;
       sum += pressure(points[i]);
       if (nearest < 0 || points[i].gap < points[nearest].gap) nearest = i;
@@ -136,7 +120,7 @@ void appendClusters(const std::vector<TouchPoint>& points, int first, int end, i
     if (nearest < 0) continue;
     TouchCluster cluster;
     for (int i = first; i < end; ++i) {
-      if (owner[i] != g) continue;
+      if (groups.owner[i - first] != g) continue;
       if (points[i].tied) {
         cluster.emplace_back(i, 1.0 / count);
       } else if (sum > 0 && pressure(points[i]) > 0) {

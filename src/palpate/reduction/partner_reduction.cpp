@@ -4,6 +4,7 @@
 
 #include "palpate/linear/dense_cholesky.h"
 #include "palpate/math/decompositions.h"
+#include "palpate/reduction/farthest_first.h"
 #include "palpate/reduction/modes.h"
 
 namespace palpate {
@@ -11,25 +12,6 @@ namespace {
 
 // Of a system: the free nodes' velocities, then the frame's twist.
 Eigen::Index unknowns(const BodyModel& model) { return 3 * model.freeNodes() + (model.framed() ? 6 : 0); }
-
-// J^T of sums of nodes, J of the step's system.
-MatX columnsOf(const BodySystem& system, const std::vector<NodeSum>& sums) {
-  const BodyModel& model = system.model();
-  MatX columns = MatX::Zero(unknowns(model), static_cast<Eigen::Index>(3 * sums.size()));
-  for (std::size_t k = 0; k < sums.size(); ++k) {
-    const auto at = static_cast<Eigen::Index>(3 * k);
-    for (const auto& [node, weight] : sums[k].nodes) {
-      const int row = model.row()[node];
-      if (row >= 0) {
-        columns.block<3, 3>(3 * row, at).diagonal().array() += weight;
-      } else if (!model.isFixed(node)) {
-        columns.bottomRows<6>().middleCols<3>(at) +=
-            weight * model.handle().jacobian(model.attachedIndex()[node], system.startPose()).transpose();
-      }
-    }
-  }
-  return columns;
-}
 
 // Columns <- A^-1 columns.
 void solve(BodySystem& system, MatX& columns) {
@@ -68,15 +50,15 @@ Eigen::Matrix<double, 3, Eigen::Dynamic> applied(const BodySystem& system, const
 }
 
 // J^T of a sum times forces on it, one a column, is added to loads.
-template <class Forces>
-void addLoads(const BodySystem& system, const NodeSum& sum, const Forces& forces, MatX& loads) {
+template <class Forces, class Loads>
+void addLoads(const BodySystem& system, const NodeSum& sum, const Forces& forces, Loads&& loads) {
   const BodyModel& model = system.model();
   for (const auto& [node, weight] : sum.nodes) {
     const int row = model.row()[node];
     if (row >= 0) {
-      loads.middleRows<3>(3 * row) += weight * forces;
+      loads.template middleRows<3>(3 * row) += weight * forces;
     } else if (!model.isFixed(node)) {
-      loads.bottomRows<6>() +=
+      loads.template bottomRows<6>() +=
           weight * model.handle().jacobian(model.attachedIndex()[node], system.startPose()).transpose() * forces;
     }
   }
@@ -84,7 +66,10 @@ void addLoads(const BodySystem& system, const NodeSum& sum, const Forces& forces
 
 // J A^-1 J^T over sums of nodes.
 MatX gramOf(BodySystem& system, const std::vector<NodeSum>& sums) {
-  const MatX columns = columnsOf(system, sums);
+  MatX columns = MatX::Zero(unknowns(system.model()), static_cast<Eigen::Index>(3 * sums.size()));
+  for (std::size_t k = 0; k < sums.size(); ++k) {
+    addLoads(system, sums[k], Mat3(Mat3::Identity()), columns.middleCols<3>(static_cast<Eigen::Index>(3 * k)));
+  }
   MatX half = columns;
   solve(system, half);
   const MatX out = columns.transpose() * half;
@@ -155,6 +140,11 @@ struct Tie {
   Vec3 force;  // on the contact's first point [N]
   bool slides;
   Eigen::Index rows() const { return slides ? 1 : 3; }
+  // A column for each of its rows.
+  Eigen::Matrix<double, 3, Eigen::Dynamic, Eigen::ColMajor, 3, 3> axes() const {
+    if (slides) return contact->normal;
+    return Mat3::Identity();
+  }
 };
 
 constexpr double kSlides = 1e-3;  // [m/s]: friction at its limit alone may also be a strain that nothing undoes
@@ -203,12 +193,7 @@ MatX holding(const MatX& columns, const std::vector<Tie>& ties) {
   MatX out(columns.rows(), rowsOf(ties));
   Eigen::Index at = 0;
   for (std::size_t k = 0; k < ties.size(); ++k) {
-    const auto three = columns.middleCols<3>(static_cast<Eigen::Index>(3 * k));
-    if (ties[k].slides) {
-      out.col(at) = three * ties[k].contact->normal;
-    } else {
-      out.middleCols<3>(at) = three;
-    }
+    out.middleCols(at, ties[k].rows()) = columns.middleCols<3>(static_cast<Eigen::Index>(3 * k)) * ties[k].axes();
     at += ties[k].rows();
   }
   return out;
@@ -254,7 +239,7 @@ class Rested {
     addGram(system(), rows, 1.0, gram);
     gram = holding(gram, own, ties_);
     gram_ = gram.topLeftCorner(own, own);
-    rub_ = MatX::Zero(unknowns(system().model()), 1);
+    rub_ = VecX::Zero(unknowns(system().model()));
     const Eigen::Index held = gram.rows() - own;
     if (held == 0) return;
     // friction of what slides goes on
@@ -271,7 +256,7 @@ class Rested {
     factor_.triangularView<Eigen::Lower>().solveInPlace(half_);
     gram_ -= half_.transpose() * half_;
   }
-  const MatX& rub() const { return rub_; }
+  const VecX& rub() const { return rub_; }
   BodySystem& system() const { return world_.body(body_).system; }
   const MatX& gram() const { return gram_; }  ///< J A^-1 J^T
 
@@ -293,12 +278,7 @@ class Rested {
     MatX forces(factor_.rows(), columns.cols());  // C A^-1 loads, then S^-1 of that
     Eigen::Index at = 0;
     for (std::size_t k = 0; k < ties_.size(); ++k) {
-      const auto moved = applied(system(), holds_[k], columns);
-      if (ties_[k].slides) {
-        forces.row(at) = ties_[k].contact->normal.transpose() * moved;
-      } else {
-        forces.middleRows<3>(at) = moved;
-      }
+      forces.middleRows(at, ties_[k].rows()) = ties_[k].axes().transpose() * applied(system(), holds_[k], columns);
       at += ties_[k].rows();
     }
     factor_.triangularView<Eigen::Lower>().solveInPlace(forces);
@@ -306,11 +286,7 @@ class Rested {
     MatX held = MatX::Zero(columns.rows(), columns.cols());  // C^T forces
     at = 0;
     for (std::size_t k = 0; k < ties_.size(); ++k) {
-      if (ties_[k].slides) {
-        addLoads(system(), holds_[k], MatX(ties_[k].contact->normal * forces.row(at)), held);
-      } else {
-        addLoads(system(), holds_[k], forces.middleRows<3>(at), held);
-      }
+      addLoads(system(), holds_[k], MatX(ties_[k].axes() * forces.middleRows(at, ties_[k].rows())), held);
       at += ties_[k].rows();
     }
     solve(system(), held);
@@ -342,8 +318,8 @@ class Rested {
   const std::vector<NodeSum>& sums_;
   std::vector<Tie> ties_;
   std::vector<NodeSum> holds_;  // the body's side of the ties
-  MatX gram_, rub_;
-  MatX half_, factor_;  // L^-1 C A^-1 J^T, L of S
+  VecX rub_;                    // loads
+  MatX gram_, half_, factor_;   // J A^-1 J^T, L^-1 C A^-1 J^T, L of S
   bool tied_ = false;
 };
 
@@ -459,7 +435,7 @@ PartnerModes takeModes(World& world, int body, const Rested& rested, const Partn
   out.squared_frequency = modes.squared_frequency;
   out.damping = (material.damping_alpha + material.damping_beta * modes.squared_frequency.array()).matrix();
   if (model.springStiffness().size() > 0) addSprings(model, modes.shapes, system.input().step, e, out);
-  MatX load = motion.load + rested.rub();
+  VecX load = motion.load + rested.rub();
   for (const auto& [sum, force] : input.loads) addLoads(system, sum, force, load);
   out.force = modes.shapes.transpose() * load;
   out.speed = modes.shapes.transpose() * rested.momentum(motion.speed);
@@ -505,38 +481,25 @@ std::vector<Support> allSupports(const World& world, int body) {
 }  // namespace
 
 std::vector<PartnerSupport> supportsOf(const World& world, int body, int most) {
-  constexpr double kSameSide = 0.7;   // cosine of the normals
-  constexpr double kOtherSide = 1e3;  // [m]
   if (!world.body(body).model.isRigid()) return {};
   if (gluedTo(world.state().contacts.loaded, body, world.toolIndex()).size() > 1) return {};
   const std::vector<Support> all = allSupports(world, body);
   if (all.empty()) return {};
-  const auto apart = [&](const Support& a, const Support& b) {
-    return (a.place - b.place).norm() + (a.normal.dot(b.normal) > kSameSide ? 0.0 : kOtherSide);
-  };
-  // the one with the most load, then the farthest
+  // the one with the most load first
   const auto heaviest =
       std::max_element(all.begin(), all.end(), [](const Support& a, const Support& b) { return a.load < b.load; });
-  std::vector<const Support*> seeds{&*heaviest};
-  const auto nearest = [&](const Support& s) {
-    std::size_t found = 0;
-    for (std::size_t k = 1; k < seeds.size(); ++k) {
-      if (apart(s, *seeds[k]) < apart(s, *seeds[found])) found = k;
-    }
-    return found;
-  };
-  const auto distance = [&](const Support& s) { return apart(s, *seeds[nearest(s)]); };
-  const auto farthest = [&] {
-    return &*std::max_element(all.begin(), all.end(),
-                              [&](const Support& a, const Support& b) { return distance(a) < distance(b); });
-  };
-  while (static_cast<int>(seeds.size()) < most && distance(*farthest()) > 0) seeds.push_back(farthest());
-  if (distance(*farthest()) >= kOtherSide) return {};
-  std::vector<PartnerSupport> out(seeds.size());
+  const Groups groups =
+      farthestFirst(static_cast<int>(all.size()), static_cast<int>(heaviest - all.begin()), most, [&](int i, int j) {
+        const Support &a = all[i], &b = all[j];
+        return (a.place - b.place).norm() + (a.normal.dot(b.normal) > kAlike ? 0.0 : kOtherGroup);
+      });
+  if (groups.farthest >= kOtherGroup) return {};
+  std::vector<PartnerSupport> out(static_cast<std::size_t>(groups.count));
   for (PartnerSupport& s : out) s.normal = s.force = Vec3::Zero();
-  for (const Support& s : all) out[nearest(s)].load += s.load;
-  for (const Support& s : all) {
-    PartnerSupport& sum = out[nearest(s)];
+  for (std::size_t i = 0; i < all.size(); ++i) out[groups.owner[i]].load += all[i].load;
+  for (std::size_t i = 0; i < all.size(); ++i) {
+    const Support& s = all[i];
+    PartnerSupport& sum = out[groups.owner[i]];
     const double share = s.load / sum.load;
     for (int k = 0; k < s.point->count; ++k) sum.nodes.emplace_back(s.point->node[k], share * s.point->weight[k]);
     sum.normal += share * s.normal;

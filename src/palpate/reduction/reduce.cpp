@@ -227,10 +227,6 @@ void widen(LiveModel& model, Eigen::Index more) {
   }
 }
 
-}  // namespace
-
-namespace {
-
 // Of a node of another body by its correction.
 Vec3 shiftOf(const Body& body, int node, const BodyCorrection& correction) {
   if (body.model.isRigid()) {

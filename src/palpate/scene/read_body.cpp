@@ -55,8 +55,7 @@ KeyframeConfig readKeyframe(const Value& value) {
   return keyframe;
 }
 
-HandConfig readHand(const Value& value, const std::vector<Field>& others = {}) {
-  HandConfig hand;
+void readHand(const Value& value, HandConfig& hand, const std::vector<Field>& others) {
   const auto readKeyframes = [&](const Value& list) {
     for (const Value& item : list.items(kMaxKeyframes)) {
       hand.keyframes.push_back(readKeyframe(item));
@@ -69,7 +68,6 @@ HandConfig readHand(const Value& value, const std::vector<Field>& others = {}) {
   std::vector<Field> fields{{"keyframes", readKeyframes}, booleanField("smooth", hand.smooth)};
   fields.insert(fields.end(), others.begin(), others.end());
   value.fields(fields);
-  return hand;
 }
 
 Wander readWander(const Value& value) {
@@ -89,7 +87,7 @@ Wander readWander(const Value& value) {
 
 /// Of an attachment: keyframes, which may come again.
 void readMotion(const Value& value, AttachmentConfig& attachment) {
-  attachment.motion = readHand(value, {numberField("period", attachment.period, Range::positive(3600.0, "s"))});
+  readHand(value, attachment.motion, {numberField("period", attachment.period, Range::positive(3600.0, "s"))});
   const std::vector<KeyframeConfig>& keys = attachment.motion.keyframes;
   if (keys.empty()) value.fail("has no keyframes");
   if (!keys.front().position.isZero(0.0) || !keys.front().rotation.isZero(0.0))
@@ -145,9 +143,8 @@ HandleConfig readHandle(const Value& value, const std::string& name, const ToolC
   std::vector<Field> fields{numberField("mass", handle.mass, Range::positive(100.0, "kg")),
                             {"inertia", [&](const Value& v) { handle.inertia = readInertia(v); }},
                             {"hand", [&](const Value& v) {
-                               Wander wander;
-                               handle.hand = readHand(v, {{"wander", [&](const Value& w) { wander = readWander(w); }}});
-                               handle.hand.wander = wander;
+                               HandConfig& hand = handle.hand;
+                               readHand(v, hand, {{"wander", [&](const Value& w) { hand.wander = readWander(w); }}});
                              }}};
   if (tool.rigid) {
     fields.push_back({"region", [](const Value& v) { v.fail("a rigid tool is held as a whole"); }});

@@ -116,10 +116,9 @@ void LiveVisual::correctFrame(const Body& body, const PartnerBasis& basis, const
   const Vec6 moved = poseDifference(body.state.handle.pose, basis.pose);
   BodyCorrection correction{basis.body, {}, {}};
   correction.shift = basis.modes * (settings_.feedback * (z - project * moved));
-  for (const Vec3& offset : body.model.handle().offsets) {
-    const Vec3 arm = body.state.handle.pose.rotation * offset;
-    const Vec3 way = correction.shift.head<3>() + Vec3(correction.shift.tail<3>()).cross(arm);
-    if (way.norm() > kFarthest) return;
+  const Handle& frame = body.model.handle();
+  for (int k = 0; k < static_cast<int>(frame.offsets.size()); ++k) {
+    if ((frame.jacobian(k, body.state.handle.pose) * correction.shift).norm() > kFarthest) return;
   }
   correction.velocity = basis.modes * (settings_.feedback * (speed - project * body.state.handle.twist));
   state_.others.push_back(std::move(correction));
