@@ -7,6 +7,24 @@ namespace {
 
 constexpr int kStride = LiveSize::kUnknowns;
 
+// Rows [row, row + kTall) and columns [column, column + 3) of g += scale x x^T, summed up in registers.
+template <int kTall>
+void addGramTile(double scale, const TickMatrix& x, Eigen::Index row, Eigen::Index column, TickCompliance& g) {
+  double sum[3][kTall];
+  double* const out = g.data() + column * g.rows() + row;
+  for (int j = 0; j < 3; ++j)
+    for (int i = 0; i < kTall; ++i) sum[j][i] = out[j * g.rows() + i];
+  for (Eigen::Index c = 0; c < x.columns; ++c) {
+    const double* const entries = x.data + c * x.stride;
+    for (int j = 0; j < 3; ++j) {
+      const double factor = scale * entries[column + j];
+      for (int i = 0; i < kTall; ++i) sum[j][i] += factor * entries[row + i];
+    }
+  }
+  for (int j = 0; j < 3; ++j)
+    for (int i = 0; i < kTall; ++i) out[j * g.rows() + i] = sum[j][i];
+}
+
 }  // namespace
 
 void addProduct(double scale, const TickMatrix& a, const double* x, double* y) noexcept {
@@ -79,6 +97,17 @@ void TickCholesky::solveLower(TickRows& x) const noexcept {
       for (Eigen::Index r = 0; r < rows; ++r) own[r] -= row[k] * other[r];
     }
     for (Eigen::Index r = 0; r < rows; ++r) own[r] *= row[i];
+  }
+}
+
+void addGram(double scale, const TickMatrix& x, TickCompliance& g) noexcept {
+  constexpr int kTall = 12;  // with three columns, as many sums as registers of four hold
+  for (Eigen::Index column = 0; column < x.rows; column += 3) {
+    Eigen::Index row = column;
+    for (; row + kTall <= x.rows; row += kTall) addGramTile<kTall>(scale, x, row, column, g);
+    for (; row < x.rows; row += 3) addGramTile<3>(scale, x, row, column, g);
+    for (int j = 0; j < 3; ++j)
+      for (row = column + j + 1; row < x.rows; ++row) g(column + j, row) = g(row, column + j);
   }
 }
 

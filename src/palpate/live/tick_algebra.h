@@ -45,19 +45,7 @@ class TickCholesky {
   std::array<double, LiveSize::kUnknowns * LiveSize::kUnknowns> l_{};  // by rows; the diagonal inverted
 };
 
-/// g += scale x x^T, of a symmetric g.
-template <int kColumns>
-void addGram(double scale, const BoundedMatrix<LiveSize::kRows, kColumns>& x, TickCompliance& g) noexcept {
-  const Eigen::Index rows = x.rows();
-  for (Eigen::Index j = 0; j < rows; ++j) {
-    double* const out = g.data() + j * g.rows();
-    for (Eigen::Index c = 0; c < x.cols(); ++c) {
-      const double* const column = x.data() + c * rows;
-      const double factor = scale * column[j];
-      for (Eigen::Index i = j; i < rows; ++i) out[i] += factor * column[i];
-    }
-    for (Eigen::Index i = j + 1; i < rows; ++i) g(j, i) = out[i];
-  }
-}
+/// g += scale x x^T, of a symmetric g; a contact's three rows at a time.
+void addGram(double scale, const TickMatrix& x, TickCompliance& g) noexcept;
 
 }  // namespace palpate
