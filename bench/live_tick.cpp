@@ -1,6 +1,6 @@
-// Ticks of the live model of shipped scenes, where most of its contacts are closed: a new model comes every visual step,
-// some ticks behind the path, as in real time. Nothing else runs in between, so what is measured is not the cold cache
-// that a visual step on the same core leaves.
+// Ticks of the live model of shipped scenes, where most of its contacts are closed: a new model comes every visual
+// step, some ticks behind the path, as in real time. Nothing else runs in between, so what is measured is not the cold
+// cache that a visual step on the same core leaves.
 #include <benchmark/benchmark.h>
 
 #include <algorithm>
@@ -69,7 +69,9 @@ const bool kRegistered = [] {
   for (const auto& [scene, at] : scenes) {
     for (const int behind : {0, 3}) {
       const std::string name = "liveTick/" + std::string(scene) + "/behind:" + std::to_string(behind);
-      benchmark::RegisterBenchmark(name.c_str(), liveTick, scene, at, behind)->UseManualTime()->Unit(benchmark::kMicrosecond);
+      benchmark::RegisterBenchmark(name.c_str(), liveTick, scene, at, behind)
+          ->UseManualTime()
+          ->Unit(benchmark::kMicrosecond);
     }
   }
   return true;

@@ -606,7 +606,8 @@ def evaluate_compares_methods(context):
     rows = context.summary()["rows"]
     expect({r["method"] for r in rows} >= {"hsl", "vc"}, f"methods {[r['method'] for r in rows]}")
     for row in rows:
-        require_keys("row", row, keys("scene", "method", "visual_dt", "latency", "rms_N", "peak_error_N", "rms_Nm",
+        require_keys("row", row, keys("scene", "method", "visual_dt", "latency", "rms_N", "peak_error_N",
+                                      "peak_error_x_N", "peak_error_y_N", "peak_error_z_N", "rms_Nm",
                                       "reference_peak_N", "floor_rms_N", "switch_N", "returned_J",
                                       "reference_returned_J"))
         for name in ("drag_N", "onset_s", "release_s", "glue_Ns"):

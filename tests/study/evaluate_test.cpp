@@ -241,8 +241,9 @@ TEST(Evaluate, WritesEveryKey) {
   const auto json = nlohmann::json::parse(std::ifstream(folder / "summary.json"));
   ASSERT_EQ(json["rows"].size(), 2u);
   const auto& row = json["rows"][0];
-  for (const char* key : {"scene", "method", "visual_dt", "latency", "rms_N", "peak_error_N", "drag_N", "rms_Nm",
-                          "reference_peak_N", "floor_rms_N", "onset_s", "returned_J", "aim", "derivative"}) {
+  for (const char* key :
+       {"scene", "method", "visual_dt", "latency", "rms_N", "peak_error_N", "peak_error_x_N", "drag_N", "rms_Nm",
+        "reference_peak_N", "floor_rms_N", "onset_s", "returned_J", "aim", "derivative"}) {
     EXPECT_TRUE(row.contains(key)) << key;
   }
   EXPECT_EQ(row["scene"], "tiny");

@@ -47,6 +47,9 @@ TEST(TraceError, IsRmsAndPeakOfTheDifferenceVector) {
   EXPECT_NEAR(e.peak_force, 5.0, 1e-14);
   EXPECT_NEAR(e.rms_torque, 0.2 / std::sqrt(2.0), 1e-14);
   EXPECT_NEAR(e.peak_torque, 0.2, 1e-14);
+  EXPECT_TRUE(e.peak_force_axes.isApprox(Vec3(3, 0, 4), 1e-14)) << e.peak_force_axes.transpose();
+  const WrenchTrace turned{wrench(1, 2 - 6, 3), wrench(-1, 0, -5)};
+  EXPECT_TRUE(traceError(turned, reference).peak_force_axes.isApprox(Vec3(1, 6, 5), 1e-14));
   EXPECT_EQ(traceError(reference, reference).rms_force, 0.0);
   EXPECT_THROW(traceError(trace, {wrench(0, 0, 0)}), std::logic_error);
 }

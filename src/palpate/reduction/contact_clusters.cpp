@@ -1,6 +1,7 @@
 #include "palpate/reduction/contact_clusters.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstdint>
 #include <utility>
 
@@ -41,8 +42,15 @@ void takeTied(const World& world, const VecX& positions, std::vector<TouchPoint>
   }
 }
 
-// What is near, by its gap: thousands where a large tool lies on a plane, so that they are neither moved nor read as a
-// whole more than once.
+double fastestOf(const VecX& velocities) {
+  double squared = 0;
+  for (Eigen::Index i = 0; i + 2 < velocities.size(); i += 3) {
+    squared = std::max(squared, velocities.segment<3>(i).squaredNorm());
+  }
+  return std::sqrt(squared);
+}
+
+// What is near: thousands where a large tool lies on a plane, so that most are neither read as a whole nor sorted.
 struct Near {
   double gap;
   std::uint64_t key, track;
@@ -50,44 +58,71 @@ struct Near {
   Vec3 force;           // of the last step [N]
 };
 
-std::vector<Near> byGap(const std::vector<Contact>& contacts) {
-  std::vector<Near> out;
-  out.reserve(contacts.size());
-  for (std::size_t k = 0; k < contacts.size(); ++k) {
-    out.push_back({contacts[k].gap, contacts[k].key, contacts[k].track, k, Vec3::Zero()});
-  }
-  std::sort(out.begin(), out.end(),
-            [](const Near& a, const Near& b) { return std::pair(a.gap, a.key) < std::pair(b.gap, b.key); });
-  return out;
-}
+bool nearer(const Near& a, const Near& b) { return std::pair(a.gap, a.key) < std::pair(b.gap, b.key); }
+bool farther(const Near& a, const Near& b) { return nearer(b, a); }
+
+// What is near and what is left of it.
+struct Sorted {
+  std::vector<Near> near;  // by gap: within some reach, and what carries force
+  std::vector<Near> left;  // a heap, the nearest on top
+};
 
 // The forces of the last step on what is near: that of the same features, or of the nearest ones that it may have moved
 // on to. What carries force and is not near is appended, as touching.
-void findForces(const World& world, std::vector<Contact>& contacts, std::vector<Near>& near) {
+Sorted sortNear(const World& world, double reach, std::vector<Contact>& contacts) {
   const ContactMemory& memory = world.state().contacts;
-  std::vector<char> given(near.size(), 0);
-  std::vector<std::size_t> left;
+  std::vector<std::size_t> loaded;
+  std::vector<std::uint64_t> keys, tracks;
+  for (std::size_t k = 0; k < memory.loaded.size(); ++k) {
+    const Contact& c = memory.loaded[k];
+    if (c.glued() || (c.first.body != world.toolIndex() && c.second.body != world.toolIndex())) continue;
+    loaded.push_back(k);
+    keys.push_back(c.key);
+    tracks.push_back(c.track);
+  }
+  std::sort(keys.begin(), keys.end());
+  std::sort(tracks.begin(), tracks.end());
+  const auto among = [](const std::vector<std::uint64_t>& all, std::uint64_t one) {
+    return std::binary_search(all.begin(), all.end(), one);
+  };
+  Sorted out;
+  std::vector<Near> alike;  // of the features or on the way of something that carries force
+  for (std::size_t k = 0; k < contacts.size(); ++k) {
+    const Contact& c = contacts[k];
+    const bool same = !loaded.empty() && (among(tracks, c.track) || among(keys, c.key));
+    (same ? alike : c.gap < reach ? out.near : out.left).push_back({c.gap, c.key, c.track, k, Vec3::Zero()});
+  }
+  std::sort(alike.begin(), alike.end(), nearer);
+  std::vector<char> given(alike.size(), 0);
   const auto give = [&](std::size_t k, auto same) {
     for (std::size_t i = 0; i < given.size(); ++i) {
-      if (given[i] || !same(near[i])) continue;
+      if (given[i] || !same(alike[i])) continue;
       given[i] = 1;
-      near[i].force = memory.loadedForce(k);
+      alike[i].force = memory.loadedForce(k);
       return true;
     }
     return false;
   };
-  for (std::size_t k = 0; k < memory.loaded.size(); ++k) {
-    const Contact& c = memory.loaded[k];
-    if (c.glued() || (c.first.body != world.toolIndex() && c.second.body != world.toolIndex())) continue;
-    if (!give(k, [&](const Near& n) { return n.key == c.key; })) left.push_back(k);
+  std::vector<std::size_t> moved;
+  for (const std::size_t k : loaded) {
+    const std::uint64_t key = memory.loaded[k].key;
+    if (!give(k, [&](const Near& n) { return n.key == key; })) moved.push_back(k);
   }
-  for (const std::size_t k : left) {
+  std::vector<Near> away;
+  for (const std::size_t k : moved) {
     const Contact& c = memory.loaded[k];
     if (give(k, [&](const Near& n) { return n.track == c.track; })) continue;
-    near.push_back({0, c.key, c.track, contacts.size(), memory.loadedForce(k)});
+    away.push_back({0, c.key, c.track, contacts.size(), memory.loadedForce(k)});
     contacts.push_back(c);
     contacts.back().gap = 0;
   }
+  for (std::size_t i = 0; i < alike.size(); ++i) {
+    (given[i] || alike[i].gap < reach ? out.near : out.left).push_back(alike[i]);
+  }
+  std::sort(out.near.begin(), out.near.end(), nearer);
+  out.near.insert(out.near.end(), away.begin(), away.end());
+  std::make_heap(out.left.begin(), out.left.end(), farther);
+  return out;
 }
 
 // Points from `first` on, in at most so many clusters; see clusterTouchPoints().
@@ -138,21 +173,19 @@ std::vector<TouchPoint> findTouchPoints(World& world, const VecX& positions, con
                                         const TouchReach& reach, std::vector<Contact>& contacts) {
   const double margin = reach.margin, lookahead = reach.lookahead;
   const int tool = world.toolIndex();
-  double fastest = 0;
-  for (Eigen::Index i = 0; i + 2 < speeds.size(); i += 3) fastest = std::max(fastest, speeds.segment<3>(i).norm());
+  const double own = fastestOf(speeds);
+  double others = 0;
   for (int b = 0; b < world.bodies(); ++b) {
-    if (b == tool) continue;
-    const VecX& v = world.body(b).state.velocities;
-    double of_body = 0;
-    for (Eigen::Index i = 0; i + 2 < v.size(); i += 3) of_body = std::max(of_body, v.segment<3>(i).norm());
-    fastest = std::max(fastest, of_body);
+    if (b != tool) others = std::max(others, fastestOf(world.body(b).state.velocities));
   }
+  const double fastest = std::max(own, others);
   const double ahead = lookahead * fastest > kFarthest ? kFarthest / fastest : lookahead;
   contacts.clear();
   const double sudden = 0.5 * kSudden * lookahead * lookahead;
   world.nearby({positions, speeds}, margin + lookahead * fastest + sudden, ahead, contacts);
-  std::vector<Near> near = byGap(contacts);
-  findForces(world, contacts, near);
+  // farther away than that, nothing closes in time that goes on as it moves
+  const double closes = 1.001 * (margin + lookahead * (own + fastest));
+  Sorted sorted = sortNear(world, closes, contacts);
   const auto speedsOf = [&](int body) -> const VecX& {
     return body == tool ? speeds : world.body(body).state.velocities;
   };
@@ -185,7 +218,13 @@ std::vector<TouchPoint> findTouchPoints(World& world, const VecX& positions, con
       later.push_back(p);
     }
   };
-  for (const Near& n : near) take(contacts[n.contact], n.force);
+  for (const Near& n : sorted.near) take(contacts[n.contact], n.force);
+  std::vector<Near>& left = sorted.left;
+  for (auto end = left.end(); end != left.begin() && out.size() + later.size() < room;) {
+    std::pop_heap(left.begin(), end, farther);
+    --end;
+    take(contacts[end->contact], end->force);
+  }
   for (std::size_t k = 0; k < later.size() && out.size() < room; ++k) out.push_back(later[k]);
   return out;
 }

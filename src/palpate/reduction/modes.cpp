@@ -13,10 +13,13 @@ constexpr int kFirstSweeps = 12;
 constexpr int kSweeps = 1;      // from the modes of the step before
 constexpr double kLeast = 1.0;  // squared frequency [1/s^2]
 
-// The same for the same number of rows: smooth and rough columns that no symmetry of a body is blind to.
-MatX firstBasis(Eigen::Index rows, Eigen::Index columns) {
+// The columns of `start`, as far as there are any, then always the same for the same number of rows: smooth and rough
+// ones that no symmetry of a body is blind to.
+MatX firstBasis(Eigen::Index rows, Eigen::Index columns, const MatX& start) {
+  const Eigen::Index given = start.rows() == rows ? std::min(columns, start.cols()) : 0;
   MatX out(rows, columns);
-  for (Eigen::Index j = 0; j < columns; ++j) {
+  out.leftCols(given) = start.leftCols(given);
+  for (Eigen::Index j = given; j < columns; ++j) {
     for (Eigen::Index i = 0; i < rows; ++i) {
       out(i, j) = std::sin(1.0 + 0.7 * static_cast<double>(j) +
                            (0.37 + 0.911 * static_cast<double>(j)) * static_cast<double>(i));
@@ -33,8 +36,7 @@ Modes findModes(const ModalProblem& problem, const MatX& start, int count) {
   const Eigen::Index columns = std::min<Eigen::Index>(wanted + kGuard, rows);
   if (wanted == 0) return {MatX(rows, 0), VecX(0)};
   const bool warm = start.rows() == rows && start.cols() > 0;
-  MatX x = firstBasis(rows, columns);
-  if (warm) x.leftCols(std::min(columns, start.cols())) = start.leftCols(std::min(columns, start.cols()));
+  MatX x = firstBasis(rows, columns, start);
   Modes modes;
   for (int k = 0; k < (warm ? kSweeps : kFirstSweeps); ++k) {
     const MatX loads = problem.momentum(x);

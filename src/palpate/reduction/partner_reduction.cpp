@@ -76,12 +76,9 @@ MatX gramOf(BodySystem& system, const std::vector<NodeSum>& sums) {
   return 0.5 * (out + out.transpose());
 }
 
-// The same of many sums: by half of the solve, and of columns with little in them. Adds the lower triangle.
-void addGram(BodySystem& system, const std::vector<NodeSum>& sums, double scale, MatX& out) {
-  if (system.model().framed()) {
-    out.triangularView<Eigen::Lower>() += scale * gramOf(system, sums);
-    return;
-  }
+// The same of many sums: by half of the solve, and of columns with little in them. Lower triangle.
+MatX lowerGram(BodySystem& system, const std::vector<NodeSum>& sums) {
+  if (system.model().framed()) return gramOf(system, sums);
   BlockColumns columns;
   for (const NodeSum& sum : sums) {
     for (const auto& [node, weight] : sum.nodes) {
@@ -90,9 +87,9 @@ void addGram(BodySystem& system, const std::vector<NodeSum>& sums, double scale,
     }
     columns.close();
   }
-  MatX own;
-  system.factor().gram(columns, own);
-  out.triangularView<Eigen::Lower>() += scale * own;
+  MatX out;
+  system.factor().gram(columns, out);
+  return out;
 }
 
 // Of the last rows' diagonal: what says the same twice does no harm.
@@ -188,24 +185,28 @@ NodeSum nodesOf(const Contact& c, int body) {
   return out;
 }
 
-// Of three columns a tie those that hold.
-MatX holding(const MatX& columns, const std::vector<Tie>& ties) {
-  MatX out(columns.rows(), rowsOf(ties));
-  Eigen::Index at = 0;
-  for (std::size_t k = 0; k < ties.size(); ++k) {
-    out.middleCols(at, ties[k].rows()) = columns.middleCols<3>(static_cast<Eigen::Index>(3 * k)) * ties[k].axes();
-    at += ties[k].rows();
+// Of the Gram matrix of sums and of three rows for each tie the sums' rows and those that hold; lower triangles.
+MatX holding(MatX gram, Eigen::Index own, const std::vector<Tie>& ties) {
+  if (std::none_of(ties.begin(), ties.end(), [](const Tie& t) { return t.slides; })) return gram;
+  const Eigen::Index size = own + rowsOf(ties);
+  MatX out(size, size);
+  out.topLeftCorner(own, own) = gram.topLeftCorner(own, own);
+  Eigen::Index row = own;
+  for (std::size_t i = 0; i < ties.size(); ++i) {
+    const auto axes = ties[i].axes();
+    const Eigen::Index rows = axes.cols(), from = own + static_cast<Eigen::Index>(3 * i);
+    out.block(row, 0, rows, own) = axes.transpose() * gram.block(from, 0, 3, own);
+    Eigen::Index column = own;
+    for (std::size_t j = 0; j < i; ++j) {
+      const Mat3 between = gram.block<3, 3>(from, own + static_cast<Eigen::Index>(3 * j));
+      const auto others = ties[j].axes();
+      out.block(row, column, rows, others.cols()) = axes.transpose() * between * others;
+      column += others.cols();
+    }
+    const Mat3 self = gram.block<3, 3>(from, from).selfadjointView<Eigen::Lower>();
+    out.block(row, row, rows, rows) = axes.transpose() * self * axes;
+    row += rows;
   }
-  return out;
-}
-
-// Of the Gram matrix of sums and of three rows for each tie, lower triangle: the sums' rows, and those that hold.
-MatX holding(const MatX& gram, Eigen::Index own, const std::vector<Tie>& ties) {
-  const MatX all = gram.selfadjointView<Eigen::Lower>();
-  const Eigen::Index three = all.cols() - own, held = rowsOf(ties);
-  MatX wide(all.rows(), own + held), out(own + held, own + held);
-  wide << all.leftCols(own), holding(all.rightCols(three), ties);
-  out << wide.topRows(own), holding(wide.bottomRows(three).transpose(), ties).transpose();
   return out;
 }
 
@@ -219,9 +220,9 @@ MatX gluedCompliance(World& world, const std::vector<int>& bodies, const std::ve
     if (b == bodies.front()) rows = sums;
     for (const Tie& t : ties) rows.push_back(nodesOf(*t.contact, b));
     BodySystem& system = world.body(b).system;
-    addGram(system, rows, system.stiffnessScale(), w);
+    w.triangularView<Eigen::Lower>() += system.stiffnessScale() * lowerGram(system, rows);
   }
-  return tied(holding(w, own, ties), own);
+  return tied(holding(std::move(w), own, ties), own);
 }
 
 // Of one body. What it rests on is tied: for those rows C, A^-1 becomes A^-1 - U S^-1 U^T, U = A^-1 C^T, S = C U.
@@ -234,11 +235,9 @@ class Rested {
       holds_.push_back(nodesOf(*t.contact, body));
       rows.push_back(holds_.back());
     }
-    const auto own = static_cast<Eigen::Index>(3 * sums_.size()), all = static_cast<Eigen::Index>(3 * rows.size());
-    MatX gram = MatX::Zero(all, all);
-    addGram(system(), rows, 1.0, gram);
-    gram = holding(gram, own, ties_);
-    gram_ = gram.topLeftCorner(own, own);
+    const auto own = static_cast<Eigen::Index>(3 * sums_.size());
+    const MatX gram = holding(lowerGram(system(), rows), own, ties_);
+    gram_ = gram.topLeftCorner(own, own).selfadjointView<Eigen::Lower>();
     rub_ = VecX::Zero(unknowns(system().model()));
     const Eigen::Index held = gram.rows() - own;
     if (held == 0) return;

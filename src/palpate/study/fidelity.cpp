@@ -32,6 +32,7 @@ TraceError traceError(const WrenchTrace& trace, const WrenchTrace& reference) {
     force_squares += force * force;
     torque_squares += torque * torque;
     out.peak_force = std::max(out.peak_force, force);
+    out.peak_force_axes = out.peak_force_axes.cwiseMax((trace[i] - reference[i]).head<3>().cwiseAbs());
     out.peak_torque = std::max(out.peak_torque, torque);
   }
   const auto n = static_cast<double>(std::max<std::size_t>(trace.size(), 1));

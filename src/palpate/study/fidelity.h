@@ -22,10 +22,11 @@ struct TickRange {
 
 /// How far a trace is from the reference, over the whole run.
 struct TraceError {
-  double rms_force = 0;    ///< root mean square of |F - F_ref| [N]
-  double peak_force = 0;   ///< largest of it [N]
-  double rms_torque = 0;   ///< the same of torque [N m]
-  double peak_torque = 0;  ///< [N m]
+  double rms_force = 0;                 ///< root mean square of |F - F_ref| [N]
+  double peak_force = 0;                ///< largest of it [N]
+  double rms_torque = 0;                ///< the same of torque [N m]
+  double peak_torque = 0;               ///< [N m]
+  Vec3 peak_force_axes = Vec3::Zero();  ///< largest of each component of F - F_ref, force, along the world's axes [N]
 };
 TraceError traceError(const WrenchTrace& trace, const WrenchTrace& reference);
 
