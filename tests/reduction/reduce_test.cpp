@@ -6,6 +6,7 @@
 #include "palpate/math/decompositions.h"
 #include "palpate/math/rotation.h"
 #include "palpate/mesh/shapes.h"
+#include "palpate/reduction/contact_clusters.h"
 #include "palpate/reduction/partner_reduction.h"
 #include "shared/held_scenes.h"
 #include "shared/pair_scenes.h"
@@ -160,6 +161,42 @@ TEST(Reduction, AGroundThatASuddenHandWouldMeetIsKnown) {
 }
 
 // All weight and press arrive: the merged contacts carry the force and the torque of the world's.
+// Most of what is near is never sorted, and looked at only as far as there is room for it.
+TEST(TouchPoints, AreTheNearestAndAllThatCarryForce) {
+  Pressed scene;
+  World& world = scene.world;
+  const VecX& positions = world.tool().state.positions;
+  Vec3 force = Vec3::Zero();
+  const ContactMemory& memory = world.state().contacts;
+  for (std::size_t k = 0; k < memory.loaded.size(); ++k) force += memory.loadedForce(k);
+  ASSERT_GT(force.z(), 0.1);
+  std::vector<Contact> scratch;
+  for (const Vec3& v : {Vec3(0, 0, 0), Vec3(0.1, 0, -0.1), Vec3(0, 0, 0.3)}) {
+    const VecX speeds = v.replicate(positions.size() / 3, 1);
+    const auto found = [&](int most) {
+      return findTouchPoints(world, positions, speeds, {0.005, 0.066, most}, scratch);
+    };
+    const std::vector<TouchPoint> now = found(0), all = found(1000);
+    const int room = static_cast<int>(now.size()) + 5;
+    const std::vector<TouchPoint> few = found(room);
+    ASSERT_GT(all.size(), few.size());
+    EXPECT_EQ(few.size(), static_cast<std::size_t>(room));
+    Vec3 sum = Vec3::Zero();
+    for (std::size_t i = 0; i < all.size(); ++i) {
+      if (i < now.size()) EXPECT_EQ(now[i].contact.key, all[i].contact.key);
+      if (i < few.size()) EXPECT_EQ(few[i].contact.key, all[i].contact.key);
+      if (i < now.size()) {
+        sum += now[i].force;
+        EXPECT_TRUE(!now[i].force.isZero(0.0) || now[i].gap + 0.066 * std::min(0.0, v.z()) < 0.005);
+      } else {
+        EXPECT_TRUE(all[i].force.isZero(0.0));
+        EXPECT_TRUE(i == now.size() || all[i].gap >= all[i - 1].gap) << i;
+      }
+    }
+    EXPECT_LT((sum - force).norm(), 1e-12);
+  }
+}
+
 TEST(Reduction, MergedContactsCarryTheWholeForce) {
   Pressed scene;
   LiveSettings settings;
