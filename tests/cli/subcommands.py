@@ -90,6 +90,9 @@ def run_writes_what_others_rely_on(context):
     summary = run_press(context)
     require_keys("summary", summary, SUMMARY)
     expect(summary["method"] == "live", "the default method is not live")
+    parts = summary["live"]["parts_median_contact_ms"]
+    expect(set(parts) == {"factorize", "modes", "search", "partners", "replay"}, f"parts of a live step: {parts}")
+    expect(min(parts["replay"], parts["modes"], parts["search"], parts["factorize"]) > 0, f"one took no time: {parts}")
     expect(summary["mesh"]["tetrahedra"] == 48 and summary["mesh"]["nodes"] == 27, f"mesh: {summary['mesh']}")
     expect(summary["visual"]["steps"] == 15, f"0.3 s at 0.02 s are 15 steps and not {summary['visual']['steps']}")
     expect(summary["contact"]["max_active"] > 0, "pressing made no contact")

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "palpate/common/parallel.h"
+#include "palpate/common/scoped_timer.h"
 #include "palpate/contact/surface_bend.h"
 #include "palpate/math/decompositions.h"
 #include "palpate/math/rotation.h"
@@ -131,6 +132,7 @@ bool ToolReduction::prepare(World& world, const LiveSettings& settings, const To
 }
 
 bool ToolReduction::factorize(World& world, const LiveSettings& settings, const Input& input, LiveModel& model) {
+  const ScopedTimer timer(times_.factorize);
   if (!prepare(world, settings, input.shape, input.step)) return false;
   const Body tool = world.tool();
   const Material& material = tool.model.elasticity().material();
@@ -146,7 +148,23 @@ bool ToolReduction::factorize(World& world, const LiveSettings& settings, const 
   return true;
 }
 
-void ToolReduction::addInertia(const World& world, const Input& input, const LiveBasis& basis, LiveModel& model) const {
+void ToolReduction::findToolModes(const Input& input, int most, LiveBasis& basis, LiveModel& model) {
+  const ScopedTimer timer(times_.modes);
+  const int wanted = std::clamp(most, 0, LiveSize::kToolModes);
+  const Modes modes = findModes({mass_.size(), mass_scale_, e_, [&](MatX& columns) { factor_->solve(columns); },
+                                 [&](const MatX& columns) { return MatX(mass_.asDiagonal() * columns); }},
+                                input.start, wanted);
+  // what the subspace iteration has beyond the wanted modes only helps it on
+  const Eigen::Index r = std::min<Eigen::Index>(wanted, modes.shapes.cols());
+  basis.modes = modes.shapes.leftCols(r);
+  basis.places = input.shape.places;
+  basis.partners.clear();
+  model.squared_frequency = modes.squared_frequency.head(r);
+  model.damping = (model.alpha + model.beta * model.squared_frequency.array()).matrix();
+}
+
+void ToolReduction::addInertia(const World& world, const Input& input, const LiveBasis& basis, LiveModel& model) {
+  const ScopedTimer timer(times_.modes);
   const Body tool = world.tool();
   const Handle& handle = tool.model.handle();
   const Eigen::Index r = basis.modes.cols();
@@ -261,6 +279,7 @@ std::vector<BodySupport> supportsOfTouched(const World& world, const std::vector
 void ToolReduction::addPartners(World& world, const LiveSettings& settings, const Input& input,
                                 const std::vector<TouchedBody>& touched, LiveBasis& basis, LiveModel& model,
                                 MatX& others) {
+  const ScopedTimer timer(times_.partners);
   const Mat3 rt = world.tool().state.handle.pose.matrix().transpose();
   int left = LiveSize::kPartnerModes;
   auto waiting = std::count_if(touched.begin(), touched.end(), [](const auto& t) { return !t.sums.empty(); });
@@ -318,8 +337,11 @@ void ToolReduction::addContacts(World& world, const LiveSettings& settings, cons
     speeds.segment<3>(3 * i) = v;
   }
   const int most = std::clamp(settings.contacts, 0, LiveSize::kContacts);
-  const std::vector<TouchPoint> points =
-      findTouchPoints(world, positions, speeds, {settings.margin, settings.lookahead, most}, near_);
+  const auto search = [&] {
+    const ScopedTimer timer(times_.search);
+    return findTouchPoints(world, positions, speeds, {settings.margin, settings.lookahead, most}, near_);
+  };
+  const std::vector<TouchPoint> points = search();
   const std::vector<BodySupport> supports =
       settings.partner_modes > 0 ? supportsOfTouched(world, points, std::min(most / 2, LiveSize::kSupports))
                                  : std::vector<BodySupport>();
@@ -545,6 +567,7 @@ void ToolReduction::addCurvature(const World& world, const LiveSettings& setting
 LiveModel ToolReduction::reduce(World& world, const LiveSettings& settings, const Input& input, LiveBasis& basis) {
   const Body tool = world.tool();
   const Material& material = tool.model.elasticity().material();
+  times_ = {};
   LiveModel model;
   model.pose = tool.state.handle.pose;
   model.twist = tool.state.handle.twist;
@@ -556,17 +579,7 @@ LiveModel ToolReduction::reduce(World& world, const LiveSettings& settings, cons
     model.mass = std::numeric_limits<double>::quiet_NaN();
     return model;
   }
-  const int wanted = std::clamp(settings.modes, 0, LiveSize::kToolModes);
-  const Modes modes = findModes({mass_.size(), mass_scale_, e_, [&](MatX& columns) { factor_->solve(columns); },
-                                 [&](const MatX& columns) { return MatX(mass_.asDiagonal() * columns); }},
-                                input.start, wanted);
-  // what the subspace iteration has beyond the wanted modes only helps it on
-  const Eigen::Index r = std::min<Eigen::Index>(wanted, modes.shapes.cols());
-  basis.modes = modes.shapes.leftCols(r);
-  basis.places = input.shape.places;
-  basis.partners.clear();
-  model.squared_frequency = modes.squared_frequency.head(r);
-  model.damping = (model.alpha + model.beta * model.squared_frequency.array()).matrix();
+  findToolModes(input, settings.modes, basis, model);
   addInertia(world, input, basis, model);
   addContacts(world, settings, input, basis, model);
   addCurvature(world, settings, basis, model);

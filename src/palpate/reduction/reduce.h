@@ -9,6 +9,7 @@
 #include "palpate/reduction/contact_clusters.h"
 #include "palpate/reduction/live_settings.h"
 #include "palpate/reduction/partner_reduction.h"
+#include "palpate/reduction/reduction_times.h"
 #include "palpate/simulation/world.h"
 
 namespace palpate {
@@ -52,10 +53,13 @@ class ToolReduction {
   /// What reduce() leaves in the tool's system for the next step, once more: for a world that was restored.
   /// @param step  of the visual loop [s]
   static bool prepare(World& world, const LiveSettings& settings, const ToolShape& shape, double step);
+  /// Of the last reduce(); the replay is not its own.
+  const ReductionTimes& times() const { return times_; }
 
  private:
   bool factorize(World& world, const LiveSettings& settings, const Input& input, LiveModel& model);
-  void addInertia(const World& world, const Input& input, const LiveBasis& basis, LiveModel& model) const;
+  void findToolModes(const Input& input, int most, LiveBasis& basis, LiveModel& model);
+  void addInertia(const World& world, const Input& input, const LiveBasis& basis, LiveModel& model);
   void addContacts(World& world, const LiveSettings& settings, const Input& input, LiveBasis& basis, LiveModel& model);
   void addPartners(World& world, const LiveSettings& settings, const Input& input,
                    const std::vector<TouchedBody>& touched, LiveBasis& basis, LiveModel& model, MatX& others);
@@ -71,6 +75,7 @@ class ToolReduction {
   VecX forces_;           // elastic, handle's frame, all nodes
   BlockColumns columns_;  // J^T, handle's frame, by the free nodes that it acts on
   std::vector<Contact> near_;
+  ReductionTimes times_;
 };
 
 /// lb += h / (beta + h) (R^T lambda - lb), for the contacts that carry force now or did.

@@ -281,6 +281,12 @@ struct RunFiles::Impl {
     if (r.step.active > 0) {
       step_ms_contact.push_back(1e3 * total);
       linearization_ms_contact.push_back(1e3 * r.linearization_s);
+      const ReductionTimes& t = r.reduction;
+      for (const auto& [name, seconds] :
+           {std::pair("factorize", t.factorize), std::pair("modes", t.modes), std::pair("search", t.search),
+            std::pair("partners", t.partners), std::pair("replay", t.replay)}) {
+        reduction_ms_contact[name].push_back(1e3 * seconds);
+      }
     }
     if (r.step.status == StepStatus::restored) ++restored;
     if (r.step.status == StepStatus::contact_not_converged) ++not_converged;
@@ -489,6 +495,9 @@ struct RunFiles::Impl {
                    {"energy_falls_J", account.falls()},
                    {"largest_rise_J", account.largestRise()},
                    {"dissipated_J", account.dissipated()}};
+      for (const auto& [part, ms] : reduction_ms_contact) {
+        j["live"]["parts_median_contact_ms"][part] = percentile(ms, 0.5);
+      }
     }
     return j;
   }
@@ -741,6 +750,7 @@ struct RunFiles::Impl {
   std::vector<Vec3> plot_device, plot_proxy;
   std::vector<double> step_time, step_ms, step_ms_contact, linearization_ms, linearization_ms_contact, active, contacts,
       sliding, penetration_mm, kinetic, elastic;
+  std::map<std::string, std::vector<double>> reduction_ms_contact;  // by part
   std::vector<std::vector<std::string>> rows;
   std::vector<std::size_t> bad;  // rows
   std::vector<Attached> attached;

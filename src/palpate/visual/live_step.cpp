@@ -160,9 +160,14 @@ VisualRecord LiveVisual::step(World& world, const HandlePath& path, const Device
   state_.velocity.resize(0);
   state_.others.clear();
   LiveState now;
-  const bool known =
-      state_.ready && !record.step.failed() && length <= kLongest * settings.step && replayed(world, path, now);
+  double replay = 0;
+  const bool known = state_.ready && !record.step.failed() && length <= kLongest * settings.step && [&] {
+    const ScopedTimer own(replay);
+    return replayed(world, path, now);
+  }();
   reduce(world, settings_, known ? corrected(world, now) : toolShape(world), settings.step, path.end() - 1, time);
+  record.reduction = reduction_.times();
+  record.reduction.replay = replay;
 
   if (!record.step.failed()) record.model = shownModel(world, settings.step, time);
   record.model.unsound = !record.step.sound();

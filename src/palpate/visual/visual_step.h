@@ -2,6 +2,7 @@
 
 #include "palpate/linearization/handle_model.h"
 #include "palpate/linearization/linearize.h"
+#include "palpate/reduction/reduction_times.h"
 #include "palpate/simulation/world.h"
 
 namespace palpate {
@@ -22,6 +23,7 @@ struct VisualRecord {
   StepReport step;
   double linearization_s = 0;  ///< wall-clock time of linearize()
   double lateness_s = 0;       ///< real time: how much later than its turn the step began
+  ReductionTimes reduction{};  ///< method live: parts of linearization_s
 };
 
 /// One visual step and its handle model: the six steps of the paper's algorithm (section 3.4). Lockstep, real time,
