@@ -18,7 +18,7 @@ constexpr double kLeast = 1.0;  // squared frequency [1/s^2]
 MatX firstBasis(Eigen::Index rows, Eigen::Index columns, const MatX& start) {
   const Eigen::Index given = start.rows() == rows ? std::min(columns, start.cols()) : 0;
   MatX out(rows, columns);
-  out.leftCols(given) = start.leftCols(given);
+  if (given > 0) out.leftCols(given) = start.leftCols(given);
   for (Eigen::Index j = given; j < columns; ++j) {
     for (Eigen::Index i = 0; i < rows; ++i) {
       out(i, j) = std::sin(1.0 + 0.7 * static_cast<double>(j) +
