@@ -200,11 +200,11 @@ MatX holding(MatX gram, Eigen::Index own, const std::vector<Tie>& ties) {
     for (std::size_t j = 0; j < i; ++j) {
       const Mat3 between = gram.block<3, 3>(from, own + static_cast<Eigen::Index>(3 * j));
       const auto others = ties[j].axes();
-      out.block(row, column, rows, others.cols()) = axes.transpose() * between * others;
+      out.block(row, column, rows, others.cols()) = axes.transpose() * (between * others).eval();
       column += others.cols();
     }
     const Mat3 self = gram.block<3, 3>(from, from).selfadjointView<Eigen::Lower>();
-    out.block(row, row, rows, rows) = axes.transpose() * self * axes;
+    out.block(row, row, rows, rows) = axes.transpose() * (self * axes).eval();
     row += rows;
   }
   return out;
