@@ -160,7 +160,6 @@ TEST(Reduction, AGroundThatASuddenHandWouldMeetIsKnown) {
   }
 }
 
-// All weight and press arrive: the merged contacts carry the force and the torque of the world's.
 // Most of what is near is never sorted, and looked at only as far as there is room for it.
 TEST(TouchPoints, AreTheNearestAndAllThatCarryForce) {
   Pressed scene;
@@ -197,6 +196,7 @@ TEST(TouchPoints, AreTheNearestAndAllThatCarryForce) {
   }
 }
 
+// All weight and press arrive: the merged contacts carry the force and the torque of the world's.
 TEST(Reduction, MergedContactsCarryTheWholeForce) {
   Pressed scene;
   LiveSettings settings;

@@ -1,6 +1,7 @@
 #include "palpate/reduction/partner_reduction.h"
 
 #include <algorithm>
+#include <utility>
 
 #include "palpate/linear/dense_cholesky.h"
 #include "palpate/math/decompositions.h"
