@@ -138,6 +138,26 @@ TEST(Live, IsQuietInSoftHands) {
   }
 }
 
+// The model of a plug bends its socket's facets, the step does not: they rest at different places, and a correction of
+// what lies still would let the two pull it to and fro.
+TEST(Live, IsQuietWhereModelAndStepRestApart) {
+  for (const auto& [stiffness, damping] : {std::pair{500.0, 8.0}, {200.0, 3.0}}) {
+    SceneConfig config = shipped("plug");
+    config.duration = 4.5;
+    config.visual_step = 0.010;
+    config.method = MethodName::live;
+    config.device = {};
+    config.device.kind = DeviceName::simulated;
+    config.safety.settings.oscillation.enabled = false;
+    config.device.hand_stiffness = stiffness;
+    config.device.hand_damping = damping;
+    auto& keys = config.tool.handles.front().hand.keyframes;
+    keys.assign(
+        {{0.1, {}, {}}, {0.5, {0, 0, -0.012}, {}}, {1.5, {0, 0, -0.03}, {}}, {2.0, {0, 0, -0.03}, {0, 0, -0.7}}});
+    EXPECT_LE(swing(config, 3.5, 4.5), 0.001) << stiffness;
+  }
+}
+
 // Let go at the start, 8 mm above the ground: the first model has the ground that the tool falls on while it is in use.
 TEST(Live, AFreeToolLandsAsInTheFineSimulation) {
   StudySettings settings;

@@ -363,16 +363,17 @@ void ToolReduction::addContacts(World& world, const LiveSettings& settings, cons
       model.torque += point.weight[k] * Vec3(positions_.segment<3>(3 * point.node[k])).cross(force);
     }
   };
-  const auto addLoads = [&](const TouchPoint& p) {
-    if (p.force.isZero(0.0)) return;
-    addLoad(p.contact.first, rt * p.force);
-    if (p.internal) addLoad(p.contact.second, -(rt * p.force));
+  const auto addLoads = [&](const TouchPoint& p, double share) {
+    const Vec3 force = share * p.force;
+    if (force.isZero(0.0)) return;
+    addLoad(p.contact.first, rt * force);
+    if (p.internal) addLoad(p.contact.second, -(rt * force));
     if (p.internal || p.contact.second.body < 0) return;
     NodeSum sum;
     for (int k = 0; k < p.contact.second.count; ++k) {
       sum.nodes.emplace_back(p.contact.second.node[k], -p.contact.second.weight[k]);
     }
-    partners[static_cast<std::size_t>(p.contact.second.body)].loads.emplace_back(std::move(sum), p.force);
+    partners[static_cast<std::size_t>(p.contact.second.body)].loads.emplace_back(std::move(sum), force);
   };
   for (std::size_t g = 0; g < clusters.size(); ++g) {
     const auto at = static_cast<Eigen::Index>(3 * g);
@@ -425,11 +426,10 @@ void ToolReduction::addContacts(World& world, const LiveSettings& settings, cons
         model.arm.segment<3>(at) += rt * (place - before);
       }
     }
-    // bent planes know better than the step, whose forces are those of facets
-    if (surface.bend.isZero(0.0)) {
-      merged.segment<3>(at) = model.contact_force.segment<3>(at);
-      for (const auto& [index, weight] : clusters[g]) addLoads(points[static_cast<std::size_t>(index)]);
-    }
+    // bent planes know better than the step, whose forces are those of facets; but model and step are to rest alike
+    const double known = surface.bend.isZero(0.0) ? 1.0 : input.still;
+    merged.segment<3>(at) = known * model.contact_force.segment<3>(at);
+    for (const auto& [index, weight] : clusters[g]) addLoads(points[static_cast<std::size_t>(index)], known);
     if (first.internal) {
       surface.kind = LiveSurface::Kind::internal;
       surface.normal = (rt * surface.normal).eval();

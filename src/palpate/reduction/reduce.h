@@ -47,6 +47,7 @@ class ToolReduction {
     double step;                                     ///< of the visual loop [s]
     const std::vector<PartnerBasis>& partners;       ///< to begin with
     const std::vector<BodyCorrection>& corrections;  ///< that the next step brings into other bodies
+    double still = 0;  ///< 1: all is at rest, and the model rests where the step does; 0: bent planes know better
   };
   /// @returns the model; its index and time are the caller's. Not finite where the tool has no factor.
   LiveModel reduce(World& world, const LiveSettings& settings, const Input& input, LiveBasis& basis);

@@ -8,11 +8,12 @@
 namespace palpate {
 namespace {
 
-constexpr double kLongest = 6.0;                // visual steps that a replay may bridge
-constexpr double kStrong = 3.0, kAnyway = 5.0;  // of the link's force, and [N]: with which the handle is led
-constexpr double kFarthest = 0.01;              // that a correction may move a node [m]: more is no correction
-constexpr double kFirst = 3.0;                  // visual steps for which the first model may be in use
-constexpr int kMostParts = 4;                   // steps in which a long way is made up for
+constexpr double kLongest = 6.0;                   // visual steps that a replay may bridge
+constexpr double kStrong = 3.0, kAnyway = 5.0;     // of the link's force, and [N]: with which the handle is led
+constexpr double kFarthest = 0.01;                 // that a correction may move a node [m]: more is no correction
+constexpr double kFirst = 3.0;                     // visual steps for which the first model may be in use
+constexpr int kMostParts = 4;                      // steps in which a long way is made up for
+constexpr double kStill = 0.003, kMoving = 0.006;  // [m/s]: where all is slower, it rests; where not, it moves
 
 // Force and handle after a step, for the records: the tick has its own model.
 HandleModel shownModel(const World& world, double step, double time) {
@@ -33,6 +34,22 @@ ToolShape shiftedShape(const World& world, const VecX& shift) {
   return shape;
 }
 
+// Of three coordinates each.
+double largestNorm(const VecX& points) {
+  double most = 0;
+  for (Eigen::Index k = 0; k + 2 < points.size(); k += 3) most = std::max(most, points.segment<3>(k).norm());
+  return most;
+}
+
+// Of the points that are fixed to a frame, by a small motion or a twist of it.
+double largestMotion(const Handle& frame, const Pose& pose, const Vec6& motion) {
+  double most = 0;
+  for (int k = 0; k < static_cast<int>(frame.offsets.size()); ++k) {
+    most = std::max(most, (frame.jacobian(k, pose) * motion).norm());
+  }
+  return most;
+}
+
 }  // namespace
 
 void LiveVisual::begin(World& world, double step, std::int64_t index, double time) {
@@ -42,7 +59,7 @@ void LiveVisual::begin(World& world, double step, std::int64_t index, double tim
   LiveSettings settings = settings_;
   const double span = kFirst * step;
   settings.margin = std::max(settings.margin, 0.5 * world.gravity.norm() * span * span);
-  reduce(world, settings, toolShape(world), step, index, time);
+  reduce(world, settings, toolShape(world), 1.0, step, index, time);
 }
 
 ToolPath LiveVisual::pathSince(const HandlePath& path) const {
@@ -60,6 +77,24 @@ ToolPath LiveVisual::pathSince(const HandlePath& path) const {
 // The last model along the recorded path.
 bool LiveVisual::replayed(const World& world, const HandlePath& path, LiveState& state) {
   return replay_.replayAll(path.end() - 1, state_.model, tick_, world.gravity, path, state) && isFinite(state);
+}
+
+// Whether handle, tool and what it touches hardly moved: from 0, all that moves, to 1, all at rest.
+double LiveVisual::stillness(const World& world, const ToolPath& way, const LiveState& replayed) const {
+  double speed = largestNorm(state_.basis.modes * replayed.speed.head(state_.basis.modes.cols()));
+  const double reach = largestNorm(state_.basis.places);
+  for (const HandleState& point : way.points) {
+    speed = std::max(speed, point.twist.head<3>().norm() + reach * point.twist.tail<3>().norm());
+  }
+  Eigen::Index at = state_.basis.modes.cols();
+  for (const PartnerBasis& basis : state_.basis.partners) {
+    const VecX own = basis.modes * replayed.speed.segment(at, basis.modes.cols());
+    at += basis.modes.cols();
+    const Body body = world.body(basis.body);
+    speed = std::max(speed, body.model.isRigid() ? largestMotion(body.model.handle(), body.state.handle.pose, own)
+                                                 : largestNorm(own));
+  }
+  return 1.0 - std::clamp((speed - kStill) / (kMoving - kStill), 0.0, 1.0);
 }
 
 // Its low modes in place of the world's; what that changes is the next step's to bring into the world.
@@ -116,19 +151,17 @@ void LiveVisual::correctFrame(const Body& body, const PartnerBasis& basis, const
   const Vec6 moved = poseDifference(body.state.handle.pose, basis.pose);
   BodyCorrection correction{basis.body, {}, {}};
   correction.shift = basis.modes * (settings_.feedback * (z - project * moved));
-  const Handle& frame = body.model.handle();
-  for (int k = 0; k < static_cast<int>(frame.offsets.size()); ++k) {
-    if ((frame.jacobian(k, body.state.handle.pose) * correction.shift).norm() > kFarthest) return;
-  }
+  if (largestMotion(body.model.handle(), body.state.handle.pose, correction.shift) > kFarthest) return;
   correction.velocity = basis.modes * (settings_.feedback * (speed - project * body.state.handle.twist));
   state_.others.push_back(std::move(correction));
 }
 
-void LiveVisual::reduce(World& world, const LiveSettings& settings, const ToolShape& shape, double step,
+void LiveVisual::reduce(World& world, const LiveSettings& settings, const ToolShape& shape, double still, double step,
                         std::int64_t index, double time) {
   LiveBasis basis;
   LiveModel model = reduction_.reduce(
-      world, settings, {shape, state_.damped, state_.basis.modes, step, state_.basis.partners, state_.others}, basis);
+      world, settings, {shape, state_.damped, state_.basis.modes, step, state_.basis.partners, state_.others, still},
+      basis);
   model.index = index;
   model.time = time;
   state_.ready = isFinite(model);
@@ -165,7 +198,9 @@ VisualRecord LiveVisual::step(World& world, const HandlePath& path, const Device
     const ScopedTimer own(replay);
     return replayed(world, path, now);
   }();
-  reduce(world, settings_, known ? corrected(world, now) : toolShape(world), settings.step, path.end() - 1, time);
+  const double still = known ? stillness(world, way, now) : 0.0;
+  reduce(world, settings_, known ? corrected(world, now) : toolShape(world), still, settings.step, path.end() - 1,
+         time);
   record.reduction = reduction_.times();
   record.reduction.replay = replay;
 

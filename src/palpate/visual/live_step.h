@@ -41,11 +41,12 @@ class LiveVisual {
  private:
   ToolPath pathSince(const HandlePath& path) const;
   bool replayed(const World& world, const HandlePath& path, LiveState& state);
+  double stillness(const World& world, const ToolPath& way, const LiveState& replayed) const;
   ToolShape corrected(const World& world, const LiveState& replayed);
   void correctPartners(const World& world, const LiveState& replayed);
   void correctFrame(const Body& body, const PartnerBasis& basis, const VecX& z, const VecX& speed);
-  void reduce(World& world, const LiveSettings& settings, const ToolShape& shape, double step, std::int64_t index,
-              double time);
+  void reduce(World& world, const LiveSettings& settings, const ToolShape& shape, double still, double step,
+              std::int64_t index, double time);
 
   LiveSettings settings_;
   double tick_;
