@@ -21,11 +21,12 @@ struct EvaluateOptions {
   std::vector<std::string> scenes;
   Overrides overrides;
   StudySettings study;
-  std::vector<std::string> hands;
+  std::vector<std::string> hands, delays;
   std::string out = "out/evaluate";
 };
 
-void evaluate(const EvaluateOptions& options) {
+void evaluate(EvaluateOptions options) {
+  for (const std::string& delay : options.delays) options.study.delays.push_back(delayFrom(delay));
   std::vector<SceneConfig> configs;  // all are read before the first runs: a mistake shows at once
   for (const std::string& scene : options.scenes) {
     configs.push_back(readScene(scene));
@@ -37,8 +38,9 @@ void evaluate(const EvaluateOptions& options) {
   const OutputFolder writable(options.out);
   std::vector<SceneStudy> studies;
   for (const SceneConfig& config : configs) {
-    Progress progress(fmt::format("{}: reference and {} runs", config.name,
-                                  options.study.methods.size() * options.study.visual_steps.size()));
+    Progress progress(fmt::format(
+        "{}: reference and {} runs", config.name,
+        options.study.methods.size() * options.study.visual_steps.size() * delaysOf(config, options.study).size()));
     studies.push_back(evaluateScene(config, options.study, [&](double share) { progress(share); }));
   }
   std::vector<HandStudy> held;
@@ -66,6 +68,12 @@ void addEvaluateCommand(CLI::App& app) {
       ->delimiter(',')
       ->type_name("S,S");
   addCommonOverrides(*command, overrides);
+  command
+      ->add_option(
+          "--delays", options->delays,
+          "Latencies to compare, in visual steps, +1 with a jitter of one, such as 1,2,1+1; default the scene's")
+      ->delimiter(',')
+      ->type_name("L+J,...");
   command
       ->add_option("--hands", options->hands,
                    "Also hold the device in these hands, N/m and N s/m, or none, such as 500/8,200/3,100/2,30/0.5,none")

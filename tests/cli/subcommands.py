@@ -623,10 +623,17 @@ def evaluate_holds_the_device_in_hands(context):
     scene = context.file("scene.yaml", SCENE)
     for hand in ("500", "500/", "-1/2", "1/nan", "some", "500/8/1"):
         context.rejects(["evaluate", scene, "--hands", hand], ("--hands", hand))
+    for delay in ("+1", "1+", "x", "1.5", "1+2+3"):
+        context.rejects(["evaluate", scene, "--delays", delay], ("--delays", delay))
+    for delay in ("-1", "1+-1", "1+1000000"):
+        context.rejects(["evaluate", scene, f"--delays={delay}"], ("--latency" if delay == "-1" else "--jitter",))
+    context.rejects(["evaluate", scene, "--delays", ",".join(["1"] * 17)], ("--delays", "16"))
     context.succeeds(["evaluate", scene, "--methods", "live", "--visual-dt", "0.02", "--hands", "500/8,none",
-                      "--out", context.out])
+                      "--delays", "1,1+1", "--out", context.out])
     rows = [r for r in context.summary()["rows"] if "hand" in r]
-    expect([r["hand"] for r in rows] == ["500/8", "none"], f"hands {[r['hand'] for r in rows]}")
+    wanted = [(hand, 1, jitter) for hand in ("500/8", "none") for jitter in (0, 1)]
+    found = [(r["hand"], r["latency"], r["jitter"]) for r in rows]
+    expect(found == wanted, f"{found}")
     for row in rows:
         require_keys("row", row, keys("scene", "method", "visual_dt", "hold_pk_N", "hold_pk_mm", "reference_hold_pk_N",
                                       "reference_hold_pk_mm", "rms_N", "returned_J", "reference_returned_J"))

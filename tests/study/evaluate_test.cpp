@@ -237,6 +237,39 @@ TEST(Evaluate, RowsAreWhatSeparateRunsGive) {
   EXPECT_LT(std::abs(*study.rows[2].drag), std::abs(*study.rows[3].drag));
 }
 
+TEST(Evaluate, RowsOfSeveralDelaysAreThoseOfSeparateStudies) {
+  SceneConfig config = tinyScene();
+  config.duration = 0.6;
+  StudySettings settings{{"live", "hsl"}, {0.010, 0.020}, false};
+  settings.delays = {{1, 0}, {2, 0}, {1, 2}};
+  HandsSettings hands;
+  hands.hands = {{200, 3}};
+  hands.settle = hands.watch = 0.1;
+  const SceneStudy all = evaluateScene(config, settings);
+  const HandStudy held = evaluateHands(all, settings, hands);
+  ASSERT_EQ(all.rows.size(), 12u);
+  ASSERT_EQ(held.rows.size(), 12u);
+  for (std::size_t d = 0; d < 3; ++d) {
+    SceneConfig alone = config;
+    alone.latency = settings.delays[d].latency;
+    alone.jitter = settings.delays[d].jitter;
+    const StudySettings same{settings.methods, settings.visual_steps, false};
+    const SceneStudy one = evaluateScene(alone, same);
+    const HandStudy one_held = evaluateHands(one, same, hands);
+    ASSERT_EQ(one.rows.size(), 4u);
+    for (std::size_t i = 0; i < 4; ++i) {
+      const StudyRow& row = all.rows[3 * i + d];
+      EXPECT_EQ(row.method, one.rows[i].method);
+      EXPECT_EQ(row.delay.latency, alone.latency);
+      EXPECT_EQ(row.delay.jitter, alone.jitter);
+      EXPECT_EQ(row.trace, one.rows[i].trace) << d << ' ' << i;
+      EXPECT_EQ(row.floor_rms, one.rows[i].floor_rms);
+      EXPECT_EQ(held.rows[3 * i + d].error.rms_force, one_held.rows[i].error.rms_force) << d << ' ' << i;
+      EXPECT_EQ(held.rows[3 * i + d].delay.jitter, alone.jitter);
+    }
+  }
+}
+
 TEST(Evaluate, IsTheSameToTheBitEachTime) {
   SceneConfig config = tinyScene();
   config.duration = 0.5;

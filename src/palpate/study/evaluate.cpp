@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <charconv>
 #include <cmath>
 
 #include "palpate/common/error.h"
@@ -19,7 +20,7 @@ namespace palpate {
 namespace {
 
 constexpr double kMostTicks = 200000;  // all traces of a scene are in memory at once
-constexpr std::size_t kMostVisualSteps = 16;
+constexpr std::size_t kMostVisualSteps = 16, kMostDelays = 16;
 constexpr double kOnsetShare = 0.1;  // of the reference's peak
 constexpr double kUnhurried = 1000;  // what a step of the reference may cost [s]
 
@@ -57,11 +58,39 @@ RunTrace trace(const SceneConfig& config, bool with_motion, const std::function<
 
 }  // namespace
 
-SceneConfig variantOf(const SceneConfig& config, const std::string& method, double visual_step) {
+std::vector<Delay> delaysOf(const SceneConfig& config, const StudySettings& settings) {
+  if (!settings.delays.empty()) return settings.delays;
+  return {{config.latency, config.jitter}};
+}
+
+Delay delayFrom(const std::string& text) {
+  Delay delay;
+  const char* const end = text.data() + text.size();
+  auto read = std::from_chars(text.data(), end, delay.latency);
+  if (read.ec == std::errc() && read.ptr != end && *read.ptr == '+') {
+    read = std::from_chars(read.ptr + 1, end, delay.jitter);
+  }
+  if (read.ec != std::errc() || read.ptr != end) {
+    throw InputError("--delays", "",
+                     fmt::format("{} is no delay: LATENCY or LATENCY+JITTER in visual steps", shownText(text)));
+  }
+  return delay;
+}
+
+std::string toString(const Delay& delay) {
+  return delay.jitter == 0 ? fmt::format("{}", delay.latency) : fmt::format("{}+{}", delay.latency, delay.jitter);
+}
+
+SceneConfig variantOf(const SceneConfig& config, const std::string& method, double visual_step,
+                      const std::optional<Delay>& delay) {
   SceneConfig out = config;
   Overrides overrides;
   overrides.method = method;
   overrides.visual_dt = visual_step;
+  if (delay) {
+    overrides.latency = delay->latency;
+    overrides.jitter = delay->jitter;
+  }
   applyOverrides(out, overrides);
   return out;
 }
@@ -79,12 +108,19 @@ void checkStudy(const SceneConfig& config, const StudySettings& settings) {
     throw InputError("--visual-dt", "",
                      fmt::format("a study holds at most {} visual steps and each method once", kMostVisualSteps));
   }
+  if (settings.delays.size() > kMostDelays) {
+    throw InputError("--delays", "", fmt::format("a study holds at most {} delays", kMostDelays));
+  }
   if (config.duration / config.haptic_step > kMostTicks) {
     throw InputError("--duration", "",
                      fmt::format("a study holds at most {:.0f} haptic ticks, which is {} s here", kMostTicks,
                                  kMostTicks * config.haptic_step));
   }
-  for (const double visual_step : settings.visual_steps) variantOf(config, settings.methods.front(), visual_step);
+  for (const double visual_step : settings.visual_steps) {
+    for (const Delay& delay : delaysOf(config, settings)) {
+      variantOf(config, settings.methods.front(), visual_step, delay);
+    }
+  }
 }
 
 namespace {
@@ -191,17 +227,22 @@ SceneStudy evaluateScene(const SceneConfig& scene, const StudySettings& settings
   RunTrace reference;
   const double fine = steps(reference_config.visual_step);
   jobs.add(fine, [&](const auto& share) { reference = trace(reference_config, true, share); });
-  std::vector<RunTrace> runs(settings.visual_steps.size() * settings.methods.size());
+  const std::vector<Delay> delays = delaysOf(scene, settings);
+  const std::size_t each = settings.methods.size() * delays.size();  // rows of a visual step
+  std::vector<RunTrace> runs(settings.visual_steps.size() * each);
   std::vector<WrenchTrace> floors(settings.visual_steps.size());
   for (std::size_t k = 0; k < settings.visual_steps.size(); ++k) {
     const double visual_step = settings.visual_steps[k];
-    for (std::size_t m = 0; m < settings.methods.size(); ++m) {
-      const SceneConfig config = variantOf(study.config, settings.methods[m], visual_step);
+    for (std::size_t m = 0; m < each; ++m) {
+      const std::string& method = settings.methods[m / delays.size()];
+      const Delay& delay = delays[m % delays.size()];
+      const SceneConfig config = variantOf(study.config, method, visual_step, delay);
       RunTrace& out = runs[study.rows.size()];
       jobs.add(steps(visual_step), [config, &out](const auto& share) { out = trace(config, false, share); });
       StudyRow row;
-      row.method = settings.methods[m];
+      row.method = method;
       row.visual_step = visual_step;
+      row.delay = delay;
       study.rows.push_back(std::move(row));
     }
     jobs.add(steps(visual_step), [&, k, visual_step](const auto& share) {
@@ -214,7 +255,7 @@ SceneStudy evaluateScene(const SceneConfig& scene, const StudySettings& settings
   study.reference = std::move(reference.raw);
   study.motion = std::move(reference.motion);
   for (std::size_t i = 0; i < study.rows.size(); ++i) {
-    const TraceError floor = traceError(floors[i / settings.methods.size()], study.reference);
+    const TraceError floor = traceError(floors[i / each], study.reference);
     study.rows[i].trace = std::move(runs[i].raw);
     study.rows[i].switched = std::move(runs[i].switched);
     study.rows[i].restored = runs[i].restored;

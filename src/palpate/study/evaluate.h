@@ -12,17 +12,25 @@
 
 namespace palpate {
 
-/// What the fidelity study varies; the rest (latency, aim, derivative, handle, ...) is the scene's.
+/// How late a step's result comes.
+struct Delay {
+  int latency = 1;  ///< [visual steps]
+  int jitter = 0;   ///< at most that many more, by chance
+};
+
+/// What the fidelity study varies; the rest (aim, derivative, handle, ...) is the scene's.
 struct StudySettings {
   std::vector<std::string> methods{"live", "hsl", "hsl-exact", "vc"};
   std::vector<double> visual_steps{0.010, 0.020, 0.033};  ///< [s]
   bool reference_check = false;                           ///< run the reference at half its step too
+  std::vector<Delay> delays{};                            ///< none: the scene's
 };
 
-/// One method at one visual step, against the reference.
+/// One method at one visual step and delay, against the reference.
 struct StudyRow {
   std::string method;
   double visual_step = 0;  ///< [s]
+  Delay delay;
   TraceError error;
   std::optional<double> drag;     ///< [N]
   std::optional<double> onset;    ///< later than the reference [s]
@@ -37,7 +45,7 @@ struct StudyRow {
   std::vector<char> switched;  ///< per tick: a new model came into use
 };
 
-/// A scene's study: one motion of the device, the reference, and all rows in the order visual step, method.
+/// A scene's study: one motion of the device, the reference, and all rows in the order visual step, method, delay.
 struct SceneStudy {
   SceneConfig config;
   MotionTrace motion;
@@ -51,8 +59,14 @@ struct SceneStudy {
   std::vector<StudyRow> rows;
 };
 
-/// The scene with a method and a visual step [s]. @throws InputError as its reader does
-SceneConfig variantOf(const SceneConfig& config, const std::string& method, double visual_step);
+/// The scene with a method, a visual step [s] and a delay, without one its own. @throws InputError as its reader does
+SceneConfig variantOf(const SceneConfig& config, const std::string& method, double visual_step,
+                      const std::optional<Delay>& delay = {});
+/// Those of a study of the scene: at least one.
+std::vector<Delay> delaysOf(const SceneConfig& config, const StudySettings& settings);
+/// "1", or "1+2" with a jitter of 2. @throws InputError naming the option
+Delay delayFrom(const std::string& text);
+std::string toString(const Delay& delay);
 
 /// Whether a study can be made at all. @throws InputError naming the option
 void checkStudy(const SceneConfig& config, const StudySettings& settings);

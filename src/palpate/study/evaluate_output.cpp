@@ -29,8 +29,8 @@ nlohmann::ordered_json rowJson(const SceneStudy& study, const StudyRow& row) {
   return {{"scene", study.config.name},
           {"method", row.method},
           {"visual_dt", row.visual_step},
-          {"latency", study.config.latency},
-          {"jitter", study.config.jitter},
+          {"latency", row.delay.latency},
+          {"jitter", row.delay.jitter},
           {"aim", toString(study.config.aim)},
           {"derivative", toString(study.config.derivative)},
           {"rms_N", row.error.rms_force},
@@ -82,7 +82,7 @@ std::vector<std::string> cells(const SceneStudy& study, const StudyRow& row) {
   return {study.config.name,
           row.method,
           fmt::format("{:g}", 1e3 * row.visual_step),
-          fmt::format("{}", study.config.latency),
+          toString(row.delay),
           fmt::format("{:.4f}", row.error.rms_force),
           fmt::format("{:.3f}", row.error.peak_force),
           orDash(row.drag, "{:+.4f}"),
@@ -143,6 +143,14 @@ class PlotRows {
   std::size_t stride_;
 };
 
+// Its method, with the delay where a study has several.
+std::string labelOf(const SceneStudy& study, const StudyRow& row) {
+  const std::string delay = toString(row.delay);
+  const bool several = std::any_of(study.rows.begin(), study.rows.end(),
+                                   [&](const StudyRow& other) { return toString(other.delay) != delay; });
+  return several ? fmt::format("{}, {}", row.method, delay) : row.method;
+}
+
 template <typename Value>
 Plot comparePlot(const SceneStudy& study, const PlotRows& rows, double visual_step, const std::string& title,
                  const std::string& label, bool with_reference, const Value& value) {
@@ -154,7 +162,7 @@ Plot comparePlot(const SceneStudy& study, const PlotRows& rows, double visual_st
   int color = 1;
   for (const StudyRow& row : study.rows) {
     if (row.visual_step != visual_step) continue;
-    plot.series.push_back({row.method, rows.of(row.trace, value), std::to_string(color++)});
+    plot.series.push_back({labelOf(study, row), rows.of(row.trace, value), std::to_string(color++)});
   }
   if (with_reference) plot.series.push_back({"reference", rows.of(study.reference, value), "ink", true});
   return plot;
@@ -189,10 +197,9 @@ Report studyReport(const std::vector<SceneStudy>& studies) {
   page.title = "Palpate: fidelity study";
   Table table{"Every method against the reference", kHeader, {}, ""};
   for (const SceneStudy& study : studies) {
-    page.subtitle +=
-        (page.subtitle.empty() ? "" : "; ") +
-        fmt::format("{} held by {}, latency {}, aim {}, {} derivative", study.config.name, study.config.tool.handle,
-                    study.config.latency, toString(study.config.aim), toString(study.config.derivative));
+    page.subtitle += (page.subtitle.empty() ? "" : "; ") +
+                     fmt::format("{} held by {}, aim {}, {} derivative", study.config.name, study.config.tool.handle,
+                                 toString(study.config.aim), toString(study.config.derivative));
     table.note += referenceLine(study) + ". ";
     std::vector<double> visual_steps;
     for (const StudyRow& row : study.rows) {

@@ -115,28 +115,30 @@ HandStudy evaluateHands(const SceneStudy& given, const StudySettings& study, con
 
   SideBySide jobs;
   std::vector<HandRun> references(settings.hands.size());
-  std::vector<HandRun> runs(settings.hands.size() * study.visual_steps.size() * study.methods.size());
+  const std::vector<Delay> delays = delaysOf(out.config, study);
+  const std::size_t each = study.visual_steps.size() * study.methods.size() * delays.size();  // rows of a hand
+  std::vector<HandRun> runs(settings.hands.size() * each);
   for (std::size_t h = 0; h < settings.hands.size(); ++h) {
     const HandStiffness& hand = settings.hands[h];
     const SceneConfig reference = inHand(referenceConfig(out.config), hand);
     jobs.add(out.config.duration / reference.visual_step,
              [&, h, reference](const auto& share) { references[h] = runOf(reference, from, share); });
     for (const double visual_step : study.visual_steps) {
-      for (const std::string& method : study.methods) {
-        const SceneConfig config = inHand(variantOf(out.config, method, visual_step), hand);
+      for (std::size_t m = 0; m < study.methods.size() * delays.size(); ++m) {
+        HandRow row;
+        row.hand = hand;
+        row.method = study.methods[m / delays.size()];
+        row.visual_step = visual_step;
+        row.delay = delays[m % delays.size()];
+        const SceneConfig config = inHand(variantOf(out.config, row.method, visual_step, row.delay), hand);
         HandRun& run = runs[out.rows.size()];
         jobs.add(out.config.duration / visual_step,
                  [&run, from, config](const auto& share) { run = runOf(config, from, share); });
-        HandRow row;
-        row.hand = hand;
-        row.method = method;
-        row.visual_step = visual_step;
         out.rows.push_back(std::move(row));
       }
     }
   }
   jobs.run(progress);
-  const std::size_t each = study.visual_steps.size() * study.methods.size();
   for (std::size_t i = 0; i < out.rows.size(); ++i) {
     const HandRun& reference = references[i / each];
     out.rows[i].hold = runs[i].hold;
@@ -154,8 +156,8 @@ nlohmann::ordered_json handsJson(const std::vector<HandStudy>& studies) {
       out.push_back({{"scene", study.config.name},
                      {"method", r.method},
                      {"visual_dt", r.visual_step},
-                     {"latency", study.config.latency},
-                     {"jitter", study.config.jitter},
+                     {"latency", r.delay.latency},
+                     {"jitter", r.delay.jitter},
                      {"hand", toString(r.hand)},
                      {"hold_s", study.hold_time},
                      {"hold_pk_N", r.hold.force},
@@ -174,13 +176,14 @@ nlohmann::ordered_json handsJson(const std::vector<HandStudy>& studies) {
 }
 
 std::string handTable(const std::vector<HandStudy>& studies) {
-  std::vector<std::vector<std::string>> rows{{"scene", "hand", "method", "visual, ms", "swing, N", "reference",
-                                              "swing, mm", "reference", "RMS, N", "given, J", "reference"}};
+  std::vector<std::vector<std::string>> rows{{"scene", "hand", "method", "visual, ms", "latency", "swing, N",
+                                              "reference", "swing, mm", "reference", "RMS, N", "given, J",
+                                              "reference"}};
   std::string notes;
   for (const HandStudy& study : studies) {
     for (const HandRow& r : study.rows) {
       rows.push_back({study.config.name, toString(r.hand), r.method, fmt::format("{:g}", 1e3 * r.visual_step),
-                      fmt::format("{:.4f}", r.hold.force), fmt::format("{:.4f}", r.reference.force),
+                      toString(r.delay), fmt::format("{:.4f}", r.hold.force), fmt::format("{:.4f}", r.reference.force),
                       fmt::format("{:.3f}", 1e3 * r.hold.position), fmt::format("{:.3f}", 1e3 * r.reference.position),
                       fmt::format("{:.3f}", r.error.rms_force), fmt::format("{:+.4f}", r.hold.given),
                       fmt::format("{:+.4f}", r.reference.given)});

@@ -29,11 +29,12 @@ struct Hold {
   double given = 0;     ///< energy given to the hand in the whole run [J]
 };
 
-/// One hand, method and visual step, beside the same hand on the reference.
+/// One hand, method, visual step and delay, beside the same hand on the reference.
 struct HandRow {
   HandStiffness hand;
   std::string method;
   double visual_step = 0;  ///< [s]
+  Delay delay;
   Hold hold, reference;
   TraceError error;           ///< against the reference in the same hand
   double reference_peak = 0;  ///< [N]
