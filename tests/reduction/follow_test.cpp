@@ -119,10 +119,31 @@ TEST(Follow, CorrectionsLiftWeight) {
     }
     const double flat = held.world.gravity.norm() * mass * way;
     const WorldState start = held.world.state();
-    const double with = held.world.follow(path, kStep).energy_corrected;
+    const StepReport report = held.world.follow(path, kStep);
+    EXPECT_TRUE(report.corrected);
+    const double with = report.energy_corrected;
     held.world.restore(start);
     held.world.gravity.setZero();
     EXPECT_NEAR(with - held.world.follow(path, kStep).energy_corrected, flat, 1e-3 * std::abs(flat));
+  }
+}
+
+// Where the path leads where the scene forbids, the link pulls, and the correction waits for the next model: the step
+// says so, in the step that leaves the path and in those after it.
+TEST(Follow, APulledStepBringsNoCorrection) {
+  Held held(0.1);
+  held.world.gravity.setZero();
+  ToolPath path = straight(held.world.tool().state.handle.pose, Vec6::Zero(), kStep);
+  path.shift = VecX::Zero(3 * held.world.tool().model.freeNodes());
+  path.shift[2] = 0.004;    // of one node: it costs more than any work explains, and is given back at once
+  path.largest_force = -1;  // and any force is too much
+  for (int n = 0; n < 2; ++n) {
+    const VecX before = held.world.tool().state.positions;
+    const StepReport report = held.world.follow(path, kStep);
+    ASSERT_GT(held.world.state().pulled_after, 0);
+    EXPECT_FALSE(report.corrected);
+    EXPECT_EQ(report.energy_corrected, 0);
+    EXPECT_LT((held.world.tool().state.positions - before).cwiseAbs().maxCoeff(), 1e-6);
   }
 }
 

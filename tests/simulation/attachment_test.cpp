@@ -212,6 +212,29 @@ TEST(Attachment, AToolMayBeHeldByTheWorldToo) {
   EXPECT_LT(forces[0].force.z(), -0.1);  // it pulls down
 }
 
+// Static equilibrium is that of the steps: a hand that is far off pulls with the link's limits there, too.
+TEST(Attachment, SettlesUnderALinkThatSaturates) {
+  BodyModel body = bar({6, 4, 3}, material(2e4));
+  body.attach(fixed(body, onBottom));
+  holdNodes(body, onTop, kPlainHandle);
+  World world = alone(std::move(body));
+  world.link = {500, 1, 1, 1e-3};
+  world.link.peak_force = 0.8;
+  world.link.peak_torque = 0.01;
+  Pose device = world.tool().state.handle.pose;
+  device.position += Vec3(0.02, 0, 0.01);
+  device.rotation = expRotation({0, 0.2, 0}) * device.rotation;
+  world.settle({0}, device);
+  const Pose settled = world.tool().state.handle.pose;
+  const Vec6 wrench = saturatedWrenchOnDevice(world.link, settled, Vec6::Zero(), device, Vec6::Zero());
+  EXPECT_NEAR(wrench.head<3>().norm(), 0.8, 1e-9);
+  EXPECT_NEAR(wrench.tail<3>().norm(), 0.01, 1e-9);
+  for (int n = 0; n < 30; ++n) ASSERT_EQ(world.step({device, Vec6::Zero()}, 0.033).status, StepStatus::ok);
+  const Vec6 moved = poseDifference(world.tool().state.handle.pose, settled);
+  EXPECT_LT(moved.head<3>().norm(), 1e-6);
+  EXPECT_LT(moved.tail<3>().norm(), 1e-4);
+}
+
 TEST(Attachment, RefusesWhatCannotBe) {
   BodyModel body = bar({2, 2, 2}, material(2e4));
   body.attach(fixed(body, onBottom));

@@ -53,6 +53,15 @@ inline LinkParameters saturated(const LinkParameters& link, const Pose& handle, 
   return saturated(link, poseDifference(handle, device), twist - device_twist);
 }
 
+/// Energy of the link's springs within its limits: beyond them the force stays what it is there [J].
+inline double linkEnergy(const LinkParameters& link, const Vec6& offset) {
+  const auto of = [](double stiffness, double length, double limit) {
+    return stiffness * length <= limit ? 0.5 * stiffness * length * length : limit * (length - 0.5 * limit / stiffness);
+  };
+  return of(link.stiffness, offset.head<3>().norm(), link.peak_force) +
+         of(link.rotational_stiffness, offset.tail<3>().norm(), link.peak_torque);
+}
+
 /// linkWrenchOnDevice() within the link's limits.
 inline Vec6 saturatedWrenchOnDevice(const LinkParameters& link, const Pose& handle, const Vec6& twist,
                                     const Pose& device, const Vec6& device_twist) {

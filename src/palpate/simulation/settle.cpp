@@ -8,7 +8,6 @@
 #include "palpate/common/cancellation.h"
 #include "palpate/common/error.h"
 #include "palpate/math/decompositions.h"
-#include "palpate/math/rotation.h"
 #include "palpate/mesh/surface_measures.h"
 #include "palpate/simulation/world.h"
 
@@ -119,9 +118,7 @@ double World::potentialEnergy(const std::vector<int>& of, const Pose& device) co
     if (!models_[i]->framed()) continue;
     sum -= models_[i]->handle().mass * gravity.dot(state.handle.pose.position);
     if (!models_[i]->held()) continue;
-    const Vec3 turn = logRotation(state.handle.pose.rotation * device.rotation.conjugate());
-    sum += 0.5 * link.stiffness * (state.handle.pose.position - device.position).squaredNorm() +
-           0.5 * link.rotational_stiffness * turn.squaredNorm();
+    sum += linkEnergy(link, poseDifference(state.handle.pose, device));
   }
   return sum;
 }
@@ -182,7 +179,7 @@ double World::settle(const std::vector<int>& moving, Pose device, const SettlePr
     throwIfCancelled();
     before = state_;
     for (const int i : moving) state_.bodies[i].clearVelocities();
-    StepInput input{h.value(), gravity, link, {device, Vec6::Zero()}, true};
+    StepInput input{h.value(), gravity, linkTo({device, Vec6::Zero()}), {device, Vec6::Zero()}, true};
     input.end_time = state_.time;
     const StepReport report = stepBodies(moving, input, Ending::held);
     speed = largestSpeed(moving);

@@ -45,6 +45,7 @@ struct StepReport {
   /// hundredth of the sum of all their magnitudes [J].
   double energy_made = 0;
   double energy_corrected = 0;  ///< that corrections with a followed path brought, not counted there [J]
+  bool corrected = false;       ///< these were brought in, as far as contact let them: the path was followed
   bool out_of_budget = false;   ///< the budget was used up: the rest of the step was taken as it came
   bool failed() const { return status == StepStatus::restored; }
   /// It went to its end, with contact as it should be.

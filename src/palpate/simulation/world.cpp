@@ -387,9 +387,9 @@ void World::stepAlong(Way& way, double from, double to, StepReport& sum) {
     const int length = kShortest >> halvings;
     const auto shareAt = [&](int part) { return part == kShortest ? to : from + (to - from) * part / kShortest; };
     StepReport part;
+    const StepInput input = inputAt(way, shareAt(done), shareAt(done + length));
     const bool last = length == 1 && (way.path == nullptr || way.pulled);
-    if (!tryStep(inputAt(way, shareAt(done), shareAt(done + length)), static_cast<double>(length) / kShortest, last,
-                 part)) {
+    if (!tryStep(input, static_cast<double>(length) / kShortest, last, part)) {
       sum.times += part.times;
       const double promising = stage_.result().promising;
       if (way.path != nullptr && !way.pulled) {
@@ -405,6 +405,7 @@ void World::stepAlong(Way& way, double from, double to, StepReport& sum) {
       continue;
     }
     if (length < kShortest) ++part.redone;
+    part.corrected = input.followed.on && shareAt(done) == 0;
     done += length;
     if (meter_.usedUp() && done < kShortest) {
       part.out_of_budget = true;

@@ -97,6 +97,22 @@ double LiveVisual::stillness(const World& world, const ToolPath& way, const Live
   return 1.0 - std::clamp((speed - kStill) / (kMoving - kStill), 0.0, 1.0);
 }
 
+// The model began where they led to; a step that was pulled has not brought them into the world.
+void LiveVisual::forgetCorrections(const World& world, const ToolPath& way) {
+  LiveBasis& basis = state_.basis;
+  if (way.shift.size() > 0) basis.places -= way.shift;
+  for (PartnerBasis& partner : basis.partners) {
+    const auto own = std::find_if(way.others.begin(), way.others.end(),
+                                  [&](const BodyCorrection& c) { return c.body == partner.body; });
+    if (own == way.others.end()) continue;
+    if (world.body(partner.body).model.isRigid()) {
+      partner.pose = advance(partner.pose, Vec6(-own->shift));
+    } else {
+      partner.places -= own->shift;
+    }
+  }
+}
+
 // Its low modes in place of the world's; what that changes is the next step's to bring into the world.
 ToolShape LiveVisual::corrected(const World& world, const LiveState& replayed) {
   ToolShape shape = toolShape(world);
@@ -198,6 +214,7 @@ VisualRecord LiveVisual::step(World& world, const HandlePath& path, const Device
     const ScopedTimer own(replay);
     return replayed(world, path, now);
   }();
+  if (known && !record.step.corrected) forgetCorrections(world, way);
   const double still = known ? stillness(world, way, now) : 0.0;
   reduce(world, settings_, known ? corrected(world, now) : toolShape(world), still, settings.step, path.end() - 1,
          time);

@@ -41,6 +41,7 @@ class LiveVisual {
  private:
   ToolPath pathSince(const HandlePath& path) const;
   bool replayed(const World& world, const HandlePath& path, LiveState& state);
+  void forgetCorrections(const World& world, const ToolPath& way);
   double stillness(const World& world, const ToolPath& way, const LiveState& replayed) const;
   ToolShape corrected(const World& world, const LiveState& replayed);
   void correctPartners(const World& world, const LiveState& replayed);
