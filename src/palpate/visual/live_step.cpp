@@ -50,6 +50,18 @@ double largestMotion(const Handle& frame, const Pose& pose, const Vec6& motion) 
   return most;
 }
 
+// From 0, it moves, to 1, it rests.
+double stillAt(double speed) { return 1.0 - std::clamp((speed - kStill) / (kMoving - kStill), 0.0, 1.0); }
+
+// Of what reaches so far from the handle's origin [m/s].
+double largestSpeed(const ToolPath& way, double reach) {
+  double most = 0;
+  for (const HandleState& point : way.points) {
+    most = std::max(most, point.twist.head<3>().norm() + reach * point.twist.tail<3>().norm());
+  }
+  return most;
+}
+
 }  // namespace
 
 void LiveVisual::begin(World& world, double step, std::int64_t index, double time) {
@@ -81,11 +93,8 @@ bool LiveVisual::replayed(const World& world, const HandlePath& path, LiveState&
 
 // Whether handle, tool and what it touches hardly moved: from 0, all that moves, to 1, all at rest.
 double LiveVisual::stillness(const World& world, const ToolPath& way, const LiveState& replayed) const {
-  double speed = largestNorm(state_.basis.modes * replayed.speed.head(state_.basis.modes.cols()));
-  const double reach = largestNorm(state_.basis.places);
-  for (const HandleState& point : way.points) {
-    speed = std::max(speed, point.twist.head<3>().norm() + reach * point.twist.tail<3>().norm());
-  }
+  double speed = std::max(largestSpeed(way, largestNorm(state_.basis.places)),
+                          largestNorm(state_.basis.modes * replayed.speed.head(state_.basis.modes.cols())));
   Eigen::Index at = state_.basis.modes.cols();
   for (const PartnerBasis& basis : state_.basis.partners) {
     const VecX own = basis.modes * replayed.speed.segment(at, basis.modes.cols());
@@ -94,21 +103,23 @@ double LiveVisual::stillness(const World& world, const ToolPath& way, const Live
     speed = std::max(speed, body.model.isRigid() ? largestMotion(body.model.handle(), body.state.handle.pose, own)
                                                  : largestNorm(own));
   }
-  return 1.0 - std::clamp((speed - kStill) / (kMoving - kStill), 0.0, 1.0);
+  return stillAt(speed);
 }
 
-// The model began where they led to; a step that was pulled has not brought them into the world.
+// The model began where they led to; a step that was pulled has not brought them into the world. While the handle moves
+// the model knows better; where it rests, each step would find the same difference again.
 void LiveVisual::forgetCorrections(const World& world, const ToolPath& way) {
   LiveBasis& basis = state_.basis;
-  if (way.shift.size() > 0) basis.places -= way.shift;
+  const double share = stillAt(largestSpeed(way, largestNorm(basis.places)));
+  if (way.shift.size() > 0) basis.places -= share * way.shift;
   for (PartnerBasis& partner : basis.partners) {
     const auto own = std::find_if(way.others.begin(), way.others.end(),
                                   [&](const BodyCorrection& c) { return c.body == partner.body; });
     if (own == way.others.end()) continue;
     if (world.body(partner.body).model.isRigid()) {
-      partner.pose = advance(partner.pose, Vec6(-own->shift));
+      partner.pose = advance(partner.pose, Vec6(-share * own->shift));
     } else {
-      partner.places -= own->shift;
+      partner.places -= share * own->shift;
     }
   }
 }
