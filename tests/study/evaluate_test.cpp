@@ -153,8 +153,8 @@ TEST(Live, IsQuietWhereModelAndStepRestApart) {
     config.device.hand_stiffness = stiffness;
     config.device.hand_damping = damping;
     auto& keys = config.tool.handles.front().hand.keyframes;
-    keys.assign(
-        {{0.1, {}, {}}, {0.5, {0, 0, -0.012}, {}}, {1.5, {0, 0, -0.03}, {}}, {2.0, {0, 0, -0.03}, {0, 0, -0.7}}});
+    const Vec3 none = Vec3::Zero(), in(0, 0, -0.03);
+    keys.assign({{0.1, none, none}, {0.5, 0.4 * in, none}, {1.5, in, none}, {2.0, in, Vec3(0, 0, -0.7)}});
     EXPECT_LE(swing(config, 3.5, 4.5), 0.001) << stiffness;
   }
 }
