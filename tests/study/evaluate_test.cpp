@@ -111,23 +111,28 @@ double swing(const SceneConfig& config, double from, double to) {
   return (most - least).maxCoeff();
 }
 
+// With method live, in a simulated hand; what swings is to be seen.
+SceneConfig inHand(SceneConfig config, double stiffness, double damping) {
+  config.method = MethodName::live;
+  config.device = {};
+  config.device.kind = DeviceName::simulated;
+  config.safety.settings.oscillation.enabled = false;
+  config.device.hand_stiffness = stiffness;
+  config.device.hand_damping = damping;
+  return config;
+}
+
 // A tool that is pressed and held by a relaxed hand: hsl swings by newtons, as its force comes a step late.
 TEST(Live, IsQuietInSoftHands) {
   for (const auto& [stiffness, damping] : {std::pair{500.0, 8.0}, {200.0, 3.0}, {100.0, 2.0}, {30.0, 0.5}}) {
     for (const double friction : {0.0, 0.5}) {
       for (const auto& [latency, jitter] : {std::pair{1, 0}, {2, 0}, {1, 1}, {1, 2}}) {
-        SceneConfig config = shipped("cube");
+        SceneConfig config = inHand(shipped("cube"), stiffness, damping);
         config.duration = 4.0;
         config.contact.friction = friction;
         config.obstacles.front().friction = friction;
         config.latency = latency;
         config.jitter = jitter;
-        config.method = MethodName::live;
-        config.device = {};
-        config.device.kind = DeviceName::simulated;
-        config.safety.settings.oscillation.enabled = false;
-        config.device.hand_stiffness = stiffness;
-        config.device.hand_damping = damping;
         auto& keys = config.tool.handles.front().hand.keyframes;
         keys.resize(3);  // press and hold
         EXPECT_LE(swing(config, 3.4, 4.0), 0.01) << stiffness << ' ' << friction << ' ' << latency << ' ' << jitter;
@@ -143,15 +148,9 @@ TEST(Live, IsQuietInSoftHands) {
 // what lies still would let the two pull it to and fro.
 TEST(Live, IsQuietWhereModelAndStepRestApart) {
   for (const auto& [stiffness, damping] : {std::pair{500.0, 8.0}, {200.0, 3.0}}) {
-    SceneConfig config = shipped("plug");
+    SceneConfig config = inHand(shipped("plug"), stiffness, damping);
     config.duration = 4.5;
     config.visual_step = 0.010;
-    config.method = MethodName::live;
-    config.device = {};
-    config.device.kind = DeviceName::simulated;
-    config.safety.settings.oscillation.enabled = false;
-    config.device.hand_stiffness = stiffness;
-    config.device.hand_damping = damping;
     auto& keys = config.tool.handles.front().hand.keyframes;
     const Vec3 none = Vec3::Zero(), in(0, 0, -0.03);
     keys.assign({{0.1, none, none}, {0.5, 0.4 * in, none}, {1.5, in, none}, {2.0, in, Vec3(0, 0, -0.7)}});
