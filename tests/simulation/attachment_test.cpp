@@ -193,12 +193,18 @@ TEST(Attachment, CarriesABodyAlong) {
   EXPECT_LT((b.system.attachmentForces()[0].force + weightOf(b)).norm(), 1e-3 * weightOf(b).norm());
 }
 
-TEST(Attachment, AToolMayBeHeldByTheWorldToo) {
+// A tool that is fixed to the world by its lower end.
+World betweenHandAndWorld() {
   BodyModel body = bar({6, 4, 3}, material(2e4));
   body.attach(fixed(body, onBottom));
   holdNodes(body, onTop, kPlainHandle);
   World world = alone(std::move(body));
   world.link = {500, 1, 1, 1e-3};
+  return world;
+}
+
+TEST(Attachment, AToolMayBeHeldByTheWorldToo) {
+  World world = betweenHandAndWorld();
   const Pose start = world.tool().state.handle.pose;
   world.settle({0}, start);
   Pose lifted = start;
@@ -214,11 +220,7 @@ TEST(Attachment, AToolMayBeHeldByTheWorldToo) {
 
 // Static equilibrium is that of the steps: a hand that is far off pulls with the link's limits there, too.
 TEST(Attachment, SettlesUnderALinkThatSaturates) {
-  BodyModel body = bar({6, 4, 3}, material(2e4));
-  body.attach(fixed(body, onBottom));
-  holdNodes(body, onTop, kPlainHandle);
-  World world = alone(std::move(body));
-  world.link = {500, 1, 1, 1e-3};
+  World world = betweenHandAndWorld();
   world.link.peak_force = 0.8;
   world.link.peak_torque = 0.01;
   Pose device = world.tool().state.handle.pose;

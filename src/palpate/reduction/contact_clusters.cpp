@@ -1,10 +1,10 @@
 #include "palpate/reduction/contact_clusters.h"
 
 #include <algorithm>
-#include <cmath>
 #include <cstdint>
 #include <utility>
 
+#include "palpate/math/largest_norm.h"
 #include "palpate/reduction/farthest_first.h"
 
 namespace palpate {
@@ -40,14 +40,6 @@ void takeTied(const World& world, const VecX& positions, std::vector<TouchPoint>
     if (force != nullptr) p.force = second ? Vec3(-force->force) : force->force;
     out.push_back(p);
   }
-}
-
-double fastestOf(const VecX& velocities) {
-  double squared = 0;
-  for (Eigen::Index i = 0; i + 2 < velocities.size(); i += 3) {
-    squared = std::max(squared, velocities.segment<3>(i).squaredNorm());
-  }
-  return std::sqrt(squared);
 }
 
 // What is near: thousands where a large tool lies on a plane, so that most are neither read as a whole nor sorted.
@@ -173,10 +165,10 @@ std::vector<TouchPoint> findTouchPoints(World& world, const VecX& positions, con
                                         const TouchReach& reach, std::vector<Contact>& contacts) {
   const double margin = reach.margin, lookahead = reach.lookahead;
   const int tool = world.toolIndex();
-  const double own = fastestOf(speeds);
+  const double own = largestNorm(speeds);
   double others = 0;
   for (int b = 0; b < world.bodies(); ++b) {
-    if (b != tool) others = std::max(others, fastestOf(world.body(b).state.velocities));
+    if (b != tool) others = std::max(others, largestNorm(world.body(b).state.velocities));
   }
   const double fastest = std::max(own, others);
   const double ahead = lookahead * fastest > kFarthest ? kFarthest / fastest : lookahead;

@@ -171,6 +171,7 @@ double World::settle(const std::vector<int>& moving, Pose device, const SettlePr
     edge = std::min(edge, models_[i]->contactFinder().edgeLength());
   }
   meter_.start({});
+  const DeviceTarget still{device, Vec6::Zero()};
   StepLength h(longest);
   double speed = 0, displacement = 0, energy = potentialEnergy(moving, device);
   bool settled = false;
@@ -179,7 +180,7 @@ double World::settle(const std::vector<int>& moving, Pose device, const SettlePr
     throwIfCancelled();
     before = state_;
     for (const int i : moving) state_.bodies[i].clearVelocities();
-    StepInput input{h.value(), gravity, linkTo({device, Vec6::Zero()}), {device, Vec6::Zero()}, true};
+    StepInput input{h.value(), gravity, linkTo(still), still, true};
     input.end_time = state_.time;
     const StepReport report = stepBodies(moving, input, Ending::held);
     speed = largestSpeed(moving);

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "palpate/math/largest_norm.h"
 #include "palpate/math/rotation.h"
 
 namespace palpate {
@@ -11,12 +12,6 @@ namespace {
 constexpr double kTime = 0.3;                     // [s]
 constexpr double kStill = 1e-6, kGoing = 1e-5;    // of a node in a step [m]
 constexpr double kDistance = 0.005, kTurn = 0.3;  // [m], [rad]
-
-double largest(const VecX& nodes) {
-  double most = 0;
-  for (Eigen::Index i = 0; i + 2 < nodes.size(); i += 3) most = std::max(most, nodes.segment<3>(i).norm());
-  return most;
-}
 
 bool far(const Vec6& difference) {
   return difference.head<3>().norm() > kDistance || difference.tail<3>().norm() > kTurn;
@@ -63,10 +58,10 @@ int FreezeWatch::after(const World& world, const Pose& device, bool tool_touches
   for (int i = 0; i < world.bodies(); ++i) {
     const BodyState& state = world.body(i).state;
     Watched& w = watched_[i];
-    const bool still = largest(state.positions - w.before) < kStill;
+    const bool still = largestNorm(state.positions - w.before) < kStill;
     w.before = state.positions;
     w.still = still ? w.still + 1 : 0;
-    w.stopped = still && cut && step_ * largest(state.velocities) > kGoing ? w.stopped + 1 : 0;
+    w.stopped = still && cut && step_ * largestNorm(state.velocities) > kGoing ? w.stopped + 1 : 0;
     if (w.still < steps_) continue;
     const bool held_back =
         i == world.toolIndex() && pulled(world, device) && (!tool_touches || pullChanged(world, device));

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "palpate/common/scoped_timer.h"
+#include "palpate/math/largest_norm.h"
 
 namespace palpate {
 namespace {
@@ -32,13 +33,6 @@ ToolShape shiftedShape(const World& world, const VecX& shift) {
   ToolShape shape = toolShape(world);
   if (shift.size() > 0) shape.places += shift;
   return shape;
-}
-
-// Of three coordinates each.
-double largestNorm(const VecX& points) {
-  double most = 0;
-  for (Eigen::Index k = 0; k + 2 < points.size(); k += 3) most = std::max(most, points.segment<3>(k).norm());
-  return most;
 }
 
 // Of the points that are fixed to a frame, by a small motion or a twist of it.
@@ -113,9 +107,8 @@ void LiveVisual::forgetCorrections(const World& world, const ToolPath& way) {
   const double share = stillAt(largestSpeed(way, largestNorm(basis.places)));
   if (way.shift.size() > 0) basis.places -= share * way.shift;
   for (PartnerBasis& partner : basis.partners) {
-    const auto own = std::find_if(way.others.begin(), way.others.end(),
-                                  [&](const BodyCorrection& c) { return c.body == partner.body; });
-    if (own == way.others.end()) continue;
+    const BodyCorrection* own = correctionOf(way.others, partner.body);
+    if (own == nullptr) continue;
     if (world.body(partner.body).model.isRigid()) {
       partner.pose = advance(partner.pose, Vec6(-share * own->shift));
     } else {
