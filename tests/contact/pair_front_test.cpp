@@ -122,6 +122,28 @@ TEST(PairFront, OneSurfaceThatCurlsUpAndOpens) {
   EXPECT_GT(found, 100u);
 }
 
+// Triangles that share a vertex touch; what counts is how far apart the features are that could come together.
+TEST(PairFront, NeighborsOfOneSurfaceAreNotLookedAtAgainWhileNothingMoves) {
+  CollisionSurface s(sphereSurface(0.02, 3));
+  place(s, Eigen::Affine3d::Identity(), Eigen::Affine3d::Identity());
+  const SelfExclusion exclusion;
+  SurfacePairFinder finder;
+  PairFront front;
+  std::vector<FeaturePair> found;
+  const auto tested = [&](double moved) {
+    finder.allow(1e9);
+    front.moved(moved);
+    finder.findSelf(s, exclusion, 2e-4, found, &front);
+    return finder.tested();
+  };
+  const double all = tested(0);
+  EXPECT_GT(all, 10);
+  EXPECT_EQ(tested(0), 0);
+  EXPECT_LT(tested(1e-4), 0.5 * all);
+  EXPECT_GE(tested(0.02), all);  // any two may have come together
+  EXPECT_TRUE(found.empty());
+}
+
 // Positions of nodes, and with them bounds, come by another way here: from one step's end, from a jump, from a cut
 // path.
 TEST(PairFront, BodiesOfAWorldStepByStep) {

@@ -48,7 +48,7 @@ struct Motion {  // of both spheres in a step, first as predicted
 // other without having been seen to overlap.
 constexpr int kSteps = 40, kSqueezed = 30;
 std::vector<Motion> motions() {
-  Chance chance(5);
+  test::Chance chance(5);
   const auto positions = [&](const Vec3& offset) {
     const auto& nodes = softSphere().mesh.nodes;
     VecX x(static_cast<Eigen::Index>(3 * nodes.size()));

@@ -153,7 +153,6 @@ void SurfacePairFinder::testTriangles(PairSearch& s, const Local& a, const Local
     s.clearance = std::min(s.clearance, apart);
     return;
   }
-  s.clearance = 0;
   // most features of triangles that meet are apart by their own boxes
   std::array<MovingBox, 3> box_a, box_b;
   for (size_t k = 0; k < 3; ++k) {
@@ -162,8 +161,8 @@ void SurfacePairFinder::testTriangles(PairSearch& s, const Local& a, const Local
   }
   for (int i = 0; i < 3; ++i) {
     const auto k = static_cast<size_t>(i);
-    if (s.a.ownsCorner(ta, i) && s.meet(box_a[k], b.box)) testVertexFace(s, true, va[k], ta, tb);
-    if (s.b.ownsCorner(tb, i) && s.meet(box_b[k], a.box)) testVertexFace(s, false, vb[k], tb, ta);
+    if (s.a.ownsCorner(ta, i) && s.meetClosely(box_a[k], b.box)) testVertexFace(s, true, va[k], ta, tb);
+    if (s.b.ownsCorner(tb, i) && s.meetClosely(box_b[k], a.box)) testVertexFace(s, false, vb[k], tb, ta);
   }
   for (size_t k = 0; k < 3; ++k) box_b[k].include(s.b.vertexBox(vb[(k + 1) % 3]));
   for (int i = 0; i < 3; ++i) {
@@ -171,10 +170,10 @@ void SurfacePairFinder::testTriangles(PairSearch& s, const Local& a, const Local
     const auto k = static_cast<size_t>(i);
     MovingBox edge = box_a[k];
     edge.include(box_a[(k + 1) % 3]);
-    if (!s.meet(edge, b.box)) continue;
+    if (!s.meetClosely(edge, b.box)) continue;
     for (int j = 0; j < 3; ++j) {
       const auto l = static_cast<size_t>(j);
-      if (s.b.ownsEdge(tb, j) && s.meet(edge, box_b[l])) testEdgeEdge(s, ea[k], eb[l]);
+      if (s.b.ownsEdge(tb, j) && s.meetClosely(edge, box_b[l])) testEdgeEdge(s, ea[k], eb[l]);
     }
   }
 }

@@ -184,6 +184,7 @@ void testEdgeEdge(PairSearch& s, int edge_a, int edge_b) {
   const EdgeEdge edges{s, edge_a, edge_b};
   if (s.may_exclude && s.excluded({edges.a[0], edges.a[1], -1}, {edges.b[0], edges.b[1], -1})) return;
   SegmentPair q = edges.closest(0);
+  s.noteDistance(q.distance);
   if (q.distance < s.reach && s.from > 0) return;
   if (edges.apart(q)) return;
   const double travel = edges.travel();

@@ -26,7 +26,7 @@ struct PairSearch {
   const PairExclusion* left_out = nullptr;  ///< of a search between two surfaces, null: nothing
   double relative = 0;                      ///< bound of how far vertices move relative to each other [m]
   bool may_exclude = false;                 ///< among the features of the present clusters
-  float clearance = 0;                      ///< no two triangles of the present clusters start nearer to each other [m]
+  float clearance = 0;                      ///< no two features of the present clusters start nearer to each other [m]
   float box_reach = 0;                      ///< reach, and what single precision loses
   bool fast = false;                        ///< boxes move by more than their size: worth asking when they meet
   double from = 0, to = 1;                  ///< the present piece of time
@@ -46,15 +46,16 @@ struct PairSearch {
   bool meet(const MovingBox& p, const MovingBox& q) const {
     return gap(p, q) <= box_reach && (!fast || meetInTime(p, q));
   }
-  /// For triangles: keeps what is left of the clearance.
+  /// Two features, not excluded, start so far apart.
+  void noteDistance(double distance) { clearance = std::min(clearance, static_cast<float>(distance)); }
+  /// What some axis keeps the boxes apart by at the start.
+  static float startGap(const MovingBox& p, const MovingBox& q) {
+    return (p.start_low + q.start_negative_high).max(p.start_negative_high + q.start_low).maxCoeff();
+  }
+  /// For triangles and features: keeps what is left of the clearance.
   bool meetClosely(const MovingBox& p, const MovingBox& q) {
-    const float apart = gap(p, q);
-    if (apart > box_reach) {
-      clearance = std::min(clearance, apart);
-      return false;
-    }
-    if (!fast || meetInTime(p, q)) return true;
-    clearance = 0;
+    if (meet(p, q)) return true;
+    clearance = std::min(clearance, startGap(p, q));
     return false;
   }
   /// Whether the boxes meet at any one time of the present piece.

@@ -200,6 +200,7 @@ void testVertexFace(PairSearch& s, bool vertex_first, int vertex, int owner, int
   const VertexFaces faces{s, vertex_first ? s.a : s.b, vertex_first ? s.b : s.a};
   if (s.may_exclude && faces.excluded(vertex, face)) return;
   TrianglePoint q = faces.closest(vertex, face, 0);
+  s.noteDistance(q.distance);
   if (q.distance < s.reach && s.from > 0) return;
   if (faces.apart(vertex, face, q)) return;
   const double travel = faces.travel(vertex, face);
