@@ -169,11 +169,11 @@ TEST(TouchPoints, AreTheNearestAndAllThatCarryForce) {
   const ContactMemory& memory = world.state().contacts;
   for (std::size_t k = 0; k < memory.loaded.size(); ++k) force += memory.loadedForce(k);
   ASSERT_GT(force.z(), 0.1);
-  std::vector<Contact> scratch;
+  NearContacts scratch;
   for (const Vec3& v : {Vec3(0, 0, 0), Vec3(0.1, 0, -0.1), Vec3(0, 0, 0.3)}) {
     const VecX speeds = v.replicate(positions.size() / 3, 1);
     const auto found = [&](int most) {
-      return findTouchPoints(world, positions, speeds, {0.005, 0.066, most}, scratch);
+      return findTouchPoints(world, {positions, speeds}, {0.005, 0.066, most}, scratch);
     };
     const std::vector<TouchPoint> now = found(0), all = found(1000);
     const int room = static_cast<int>(now.size()) + 5;

@@ -66,28 +66,44 @@ double ContactFinder::clearance(const Group& group) const {
   return 0.5 * ((low + high) - group.extension * (high - low));
 }
 
-void ContactFinder::find(int body, const VecX& x_start, const VecX& x_end, const std::vector<Obstacle>& obstacles,
-                         double reach, std::vector<Contact>& out) const {
+void ContactFinder::find(int body, const VecX& x, const std::vector<Obstacle>& obstacles, double reach,
+                         std::vector<VertexNearPlane>& out) const {
   for (int o = 0; o < static_cast<int>(obstacles.size()); ++o) {
     const auto* plane = std::get_if<PlaneShape>(&obstacles[o].shape);
     if (plane == nullptr) continue;
-    measure(x_end, *plane);
-    for (const Group& group : groups_) {
+    measure(x, *plane);
+    for (int g = 0; g < static_cast<int>(groups_.size()); ++g) {
+      const Group& group = groups_[g];
       if (!(clearance(group) < reach)) continue;
       for (int i = group.begin; i < group.end; ++i) {
-        if (!(gap(*plane, interpolate(group.node, weight_[i], x_end)) < reach)) continue;
-        Contact c;
-        c.key = c.track = contactKey(static_cast<std::uint64_t>(body), static_cast<std::uint64_t>(o),
-                                     static_cast<std::uint64_t>(vertex_[i]));
-        c.first.body = body;
-        for (int k = 0; k < 4; ++k) c.first.add(group.node[k], weight_[i][k]);
-        c.patch = static_cast<std::uint64_t>(group.tetrahedron);
-        c.partner = o;
-        linearize(c, x_start, x_end, *plane);
-        out.push_back(c);
+        const double distance = gap(*plane, interpolate(group.node, weight_[i], x));
+        if (!(distance < reach)) continue;
+        const std::uint64_t key = contactKey(static_cast<std::uint64_t>(body), static_cast<std::uint64_t>(o),
+                                             static_cast<std::uint64_t>(vertex_[i]));
+        out.push_back({distance, key, o, g, i});
       }
     }
   }
+}
+
+Contact ContactFinder::contact(int body, const VertexNearPlane& near, const VecX& x_start, const VecX& x_end,
+                               const std::vector<Obstacle>& obstacles) const {
+  const Group& group = groups_[near.group];
+  Contact c;
+  c.key = c.track = near.key;
+  c.first.body = body;
+  for (int k = 0; k < 4; ++k) c.first.add(group.node[k], weight_[near.vertex][k]);
+  c.patch = static_cast<std::uint64_t>(group.tetrahedron);
+  c.partner = near.obstacle;
+  linearize(c, x_start, x_end, std::get<PlaneShape>(obstacles[static_cast<std::size_t>(near.obstacle)].shape));
+  return c;
+}
+
+void ContactFinder::find(int body, const VecX& x_start, const VecX& x_end, const std::vector<Obstacle>& obstacles,
+                         double reach, std::vector<Contact>& out) const {
+  near_.clear();
+  find(body, x_end, obstacles, reach, near_);
+  for (const VertexNearPlane& near : near_) out.push_back(contact(body, near, x_start, x_end, obstacles));
 }
 
 Contact ContactFinder::follow(const Contact& earlier, const VecX& x_start, const VecX& x_end,

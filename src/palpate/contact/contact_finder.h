@@ -1,6 +1,7 @@
 #pragma once
 
 #include <array>
+#include <cstdint>
 #include <vector>
 
 #include "palpate/contact/contact.h"
@@ -9,6 +10,14 @@
 #include "palpate/mesh/types.h"
 
 namespace palpate {
+
+/// A surface vertex near a plane.
+struct VertexNearPlane {
+  double gap;         ///< [m]
+  std::uint64_t key;  ///< of the contact that it would be
+  int obstacle;
+  int group, vertex;  ///< ContactFinder's own
+};
 
 /// Finds where the embedded surface of one body comes close to planes: its vertices tell all there is to know. Leaves
 /// friction to the caller; other obstacles are skipped.
@@ -21,6 +30,13 @@ class ContactFinder {
   /// @param x_start, x_end  node positions, flat [m]
   void find(int body, const VecX& x_start, const VecX& x_end, const std::vector<Obstacle>& obstacles, double reach,
             std::vector<Contact>& out) const;
+
+  /// The same without making contacts, where there may be thousands of which few are wanted; at x. Appends.
+  void find(int body, const VecX& x, const std::vector<Obstacle>& obstacles, double reach,
+            std::vector<VertexNearPlane>& out) const;
+  /// The contact that one of them is.
+  Contact contact(int body, const VertexNearPlane& near, const VecX& x_start, const VecX& x_end,
+                  const std::vector<Obstacle>& obstacles) const;
 
   /// The same surface vertex against the same plane as in an earlier step, wherever it now is.
   Contact follow(const Contact& earlier, const VecX& x_start, const VecX& x_end,
@@ -46,6 +62,7 @@ class ContactFinder {
   std::vector<int> vertex_;
   std::vector<std::array<double, 4>> weight_;  // as vertex_
   mutable std::vector<double> gap_;            // of each node, while one plane is looked at [m]
+  mutable std::vector<VertexNearPlane> near_;
   double edge_length_ = 0;
 };
 

@@ -46,8 +46,9 @@ void takeTied(const World& world, const VecX& positions, std::vector<TouchPoint>
 struct Near {
   double gap;
   std::uint64_t key, track;
-  std::size_t contact;  // which
-  Vec3 force;           // of the last step [N]
+  bool plane;         // of the planes, or of the others
+  std::size_t which;  // of them
+  Vec3 force;         // of the last step [N]
 };
 
 bool nearer(const Near& a, const Near& b) { return std::pair(a.gap, a.key) < std::pair(b.gap, b.key); }
@@ -61,7 +62,7 @@ struct Sorted {
 
 // The forces of the last step on what is near: that of the same features, or of the nearest ones that it may have moved
 // on to. What carries force and is not near is appended, as touching.
-Sorted sortNear(const World& world, double reach, std::vector<Contact>& contacts) {
+Sorted sortNear(const World& world, double reach, NearContacts& found) {
   const ContactMemory& memory = world.state().contacts;
   std::vector<std::size_t> loaded;
   std::vector<std::uint64_t> keys, tracks;
@@ -79,10 +80,17 @@ Sorted sortNear(const World& world, double reach, std::vector<Contact>& contacts
   };
   Sorted out;
   std::vector<Near> alike;  // of the features or on the way of something that carries force
-  for (std::size_t k = 0; k < contacts.size(); ++k) {
-    const Contact& c = contacts[k];
-    const bool same = !loaded.empty() && (among(tracks, c.track) || among(keys, c.key));
-    (same ? alike : c.gap < reach ? out.near : out.left).push_back({c.gap, c.key, c.track, k, Vec3::Zero()});
+  const auto sort = [&](const Near& n) {
+    const bool same = !loaded.empty() && (among(tracks, n.track) || among(keys, n.key));
+    (same ? alike : n.gap < reach ? out.near : out.left).push_back(n);
+  };
+  for (std::size_t k = 0; k < found.planes.size(); ++k) {
+    const VertexNearPlane& v = found.planes[k];
+    sort({v.gap, v.key, v.key, true, k, Vec3::Zero()});
+  }
+  for (std::size_t k = 0; k < found.others.size(); ++k) {
+    const Contact& c = found.others[k];
+    sort({c.gap, c.key, c.track, false, k, Vec3::Zero()});
   }
   std::sort(alike.begin(), alike.end(), nearer);
   std::vector<char> given(alike.size(), 0);
@@ -104,9 +112,9 @@ Sorted sortNear(const World& world, double reach, std::vector<Contact>& contacts
   for (const std::size_t k : moved) {
     const Contact& c = memory.loaded[k];
     if (give(k, [&](const Near& n) { return n.track == c.track; })) continue;
-    away.push_back({0, c.key, c.track, contacts.size(), memory.loadedForce(k)});
-    contacts.push_back(c);
-    contacts.back().gap = 0;
+    away.push_back({0, c.key, c.track, false, found.others.size(), memory.loadedForce(k)});
+    found.others.push_back(c);
+    found.others.back().gap = 0;
   }
   for (std::size_t i = 0; i < alike.size(); ++i) {
     (given[i] || alike[i].gap < reach ? out.near : out.left).push_back(alike[i]);
@@ -161,10 +169,11 @@ void appendClusters(const std::vector<TouchPoint>& points, int first, int end, i
 
 }  // namespace
 
-std::vector<TouchPoint> findTouchPoints(World& world, const VecX& positions, const VecX& speeds,
-                                        const TouchReach& reach, std::vector<Contact>& contacts) {
+std::vector<TouchPoint> findTouchPoints(World& world, const World::ToolMotion& motion, const TouchReach& reach,
+                                        NearContacts& near) {
   const double margin = reach.margin, lookahead = reach.lookahead;
   const int tool = world.toolIndex();
+  const VecX &positions = motion.positions, &speeds = motion.speeds;
   const double own = largestNorm(speeds);
   double others = 0;
   for (int b = 0; b < world.bodies(); ++b) {
@@ -172,12 +181,14 @@ std::vector<TouchPoint> findTouchPoints(World& world, const VecX& positions, con
   }
   const double fastest = std::max(own, others);
   const double ahead = lookahead * fastest > kFarthest ? kFarthest / fastest : lookahead;
-  contacts.clear();
   const double sudden = 0.5 * kSudden * lookahead * lookahead;
-  world.nearby({positions, speeds}, margin + lookahead * fastest + sudden, ahead, contacts);
+  near.planes.clear();
+  near.others.clear();
+  world.nearPlanes(motion, margin + lookahead * fastest + sudden, near.planes);
+  world.nearSurfaces(motion, ahead, near.others);
   // farther away than that, nothing closes in time that goes on as it moves
   const double closes = 1.001 * (margin + lookahead * (own + fastest));
-  Sorted sorted = sortNear(world, closes, contacts);
+  Sorted sorted = sortNear(world, closes, near);
   const auto speedsOf = [&](int body) -> const VecX& {
     return body == tool ? speeds : world.body(body).state.velocities;
   };
@@ -186,36 +197,45 @@ std::vector<TouchPoint> findTouchPoints(World& world, const VecX& positions, con
   const auto room = static_cast<std::size_t>(std::max(0, reach.most));
   std::vector<TouchPoint> out, later;
   takeTied(world, positions, out);
-  const auto take = [&](const Contact& found, const Vec3& force) {
+  const auto takeContact = [&](const Contact& found, const Vec3& force) {
     if (found.first.body != tool && found.second.body != tool) return;
-    TouchPoint p;
     const bool second = found.first.body != tool;
-    p.contact = second ? turnedAround(found) : found;
-    p.internal = p.contact.second.body == tool;
-    p.gap = found.gap;
-    p.place = p.contact.first.at(positions);
-    p.force = second ? Vec3(-force) : force;
-    Vec3 closing = p.contact.first.at(speeds);
-    if (p.contact.second.body >= 0) closing -= p.contact.second.at(speedsOf(p.contact.second.body));
+    const ContactPoint &mine = second ? found.second : found.first, &other = second ? found.first : found.second;
+    const Vec3 normal = second ? Vec3(-found.normal) : found.normal;
+    const bool internal = other.body == tool;
+    double gap = found.gap;
+    Vec3 closing = mine.at(speeds);
+    if (other.body >= 0) closing -= other.at(speedsOf(other.body));
     // what carries nothing although it is nearer than contact keeps apart, the step lets be: only a correction counts
-    if (p.force.isZero(0.0)) {
-      Vec3 way = p.contact.first.at(correction);
-      if (p.internal) way -= p.contact.second.at(correction);
-      p.gap -= std::min(0.0, p.gap - p.contact.normal.dot(way));
+    if (force.isZero(0.0)) {
+      Vec3 way = mine.at(correction);
+      if (internal) way -= other.at(correction);
+      gap -= std::min(0.0, gap - normal.dot(way));
     }
-    const double then = p.gap + lookahead * std::min(0.0, p.contact.normal.dot(closing));
-    if (then < margin || !p.force.isZero(0.0)) {
-      out.push_back(p);
-    } else if (then < margin + sudden && later.size() < room) {
-      later.push_back(p);
+    const double then = gap + lookahead * std::min(0.0, normal.dot(closing));
+    const bool soon = then < margin || !force.isZero(0.0);
+    if (!soon && !(then < margin + sudden && later.size() < room)) return;
+    TouchPoint& p = soon ? out.emplace_back() : later.emplace_back();
+    p.contact = second ? turnedAround(found) : found;
+    p.internal = internal;
+    p.gap = gap;
+    p.place = mine.at(positions);
+    p.force = second ? Vec3(-force) : force;
+  };
+  const auto take = [&](const Near& n) {
+    if (n.plane) {
+      takeContact(world.planeContact(motion, near.planes[n.which]), n.force);
+    } else {
+      takeContact(near.others[n.which], n.force);
     }
   };
-  for (const Near& n : sorted.near) take(contacts[n.contact], n.force);
+  out.reserve(out.size() + sorted.near.size());
+  for (const Near& n : sorted.near) take(n);
   std::vector<Near>& left = sorted.left;
   for (auto end = left.end(); end != left.begin() && out.size() + later.size() < room;) {
     std::pop_heap(left.begin(), end, farther);
     --end;
-    take(contacts[end->contact], end->force);
+    take(*end);
   }
   for (std::size_t k = 0; k < later.size() && out.size() < room; ++k) out.push_back(later[k]);
   return out;

@@ -29,12 +29,17 @@ struct TouchReach {
   int most;          ///< up to so many, also what a hand that starts at once would bring near in that time
 };
 
+/// What a search has found. Of planes a large tool has thousands of vertices near, few of which become contacts.
+struct NearContacts {
+  std::vector<VertexNearPlane> planes;
+  std::vector<Contact> others;
+};
+
 /// What the tool touches or may touch within reach; what it is glued to comes first.
-/// @param positions  of the tool's nodes, where they differ from the world's state
-/// @param speeds     of its nodes [m/s]
-/// @param contacts   scratch, which keeps its memory from call to call
-std::vector<TouchPoint> findTouchPoints(World& world, const VecX& positions, const VecX& speeds,
-                                        const TouchReach& reach, std::vector<Contact>& contacts);
+/// @param tool  where it is now, if that is not where the world's state has it
+/// @param near  scratch, which keeps its memory from call to call
+std::vector<TouchPoint> findTouchPoints(World& world, const World::ToolMotion& tool, const TouchReach& reach,
+                                        NearContacts& near);
 
 /// At most `most` clusters of like facing and like partner, farthest points first. None is dropped; weights follow the
 /// normal force where there is some, else the nearest point stands for all. Of what is tied all points count alike, in

@@ -327,19 +327,19 @@ void ToolReduction::addContacts(World& world, const LiveSettings& settings, cons
   const Mat3 rotation = pose.matrix(), rt = rotation.transpose();
   const Vec6& twist = tool.state.handle.twist;
   // in the world, as the touch points need it
-  VecX positions(3 * tool.model.nodes()), speeds(3 * tool.model.nodes());
+  World::ToolMotion motion{VecX(3 * tool.model.nodes()), VecX(3 * tool.model.nodes())};
   for (int i = 0; i < tool.model.nodes(); ++i) {
     const Vec3 y = positions_.segment<3>(3 * i);
-    positions.segment<3>(3 * i) = pose.apply(y);
+    motion.positions.segment<3>(3 * i) = pose.apply(y);
     Vec3 v = twist.head<3>() + twist.tail<3>().cross(rotation * y);
     const int row = tool.model.row()[i];
     if (row >= 0) v += rotation * input.shape.speeds.segment<3>(3 * row);
-    speeds.segment<3>(3 * i) = v;
+    motion.speeds.segment<3>(3 * i) = v;
   }
   const int most = std::clamp(settings.contacts, 0, LiveSize::kContacts);
   const auto search = [&] {
     const ScopedTimer timer(times_.search);
-    return findTouchPoints(world, positions, speeds, {settings.margin, settings.lookahead, most}, near_);
+    return findTouchPoints(world, motion, {settings.margin, settings.lookahead, most}, near_);
   };
   const std::vector<TouchPoint> points = search();
   const std::vector<BodySupport> supports =

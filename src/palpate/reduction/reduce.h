@@ -75,7 +75,7 @@ class ToolReduction {
   VecX mass_;             // of each free row
   VecX forces_;           // elastic, handle's frame, all nodes
   BlockColumns columns_;  // J^T, handle's frame, by the free nodes that it acts on
-  std::vector<Contact> near_;
+  NearContacts near_;
   ReductionTimes times_;
 };
 

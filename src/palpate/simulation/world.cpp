@@ -485,22 +485,25 @@ void World::findEnergies(StepReport& report, double time) {
   energy_known_ = true;
 }
 
-void World::nearby(const ToolMotion& tool, double plane_reach, double ahead, std::vector<Contact>& out) {
+void World::nearPlanes(const ToolMotion& tool, double reach, std::vector<VertexNearPlane>& out) {
   prepare();
+  models_[tool_]->contactFinder().find(tool_, tool.positions, obstacles, reach, out);
+}
+
+Contact World::planeContact(const ToolMotion& tool, const VertexNearPlane& near) const {
+  Contact c = models_[tool_]->contactFinder().contact(tool_, near, tool.positions, tool.positions, obstacles);
+  c.friction = friction_(tool_, FrictionTable::obstacle(c.partner));
+  return c;
+}
+
+void World::nearSurfaces(const ToolMotion& tool, double ahead, std::vector<Contact>& out) {
+  prepare();
+  if (!surfaces_.active()) return;
   for (int i = 0; i < bodies(); ++i) {
     const VecX& x = i == tool_ ? tool.positions : state_.bodies[i].positions;
-    if (i == tool_) {
-      const std::size_t first = out.size();
-      models_[i]->contactFinder().find(i, x, x, obstacles, plane_reach, out);
-      for (std::size_t k = first; k < out.size(); ++k) {
-        out[k].friction = friction_(i, FrictionTable::obstacle(out[k].partner));
-      }
-    }
-    if (!surfaces_.active()) continue;
     surfaces_.setStart(i, x);
     surfaces_.setEnd(i, x + ahead * (i == tool_ ? tool.speeds : state_.bodies[i].velocities));
   }
-  if (!surfaces_.active()) return;
   constexpr double kShare = 0.25;
   surfaces_.allow(kShare * budget.operations);
   const std::size_t first = out.size();

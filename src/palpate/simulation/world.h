@@ -105,10 +105,14 @@ class World {
   struct ToolMotion {
     VecX positions, speeds;  ///< in place of the state's [m], [m/s]
   };
-  /// All that is near the tool or will be: points against planes within plane_reach [m], surfaces within their margin
-  /// or that would meet within a time `ahead` [s] if all went on as they now move. Gaps are those of now. A search that
-  /// would cost too much (a quarter of the budget) ends early. Appends.
-  void nearby(const ToolMotion& tool, double plane_reach, double ahead, std::vector<Contact>& out);
+  /// The tool's surface vertices within reach [m] of planes. Appends.
+  void nearPlanes(const ToolMotion& tool, double reach, std::vector<VertexNearPlane>& out);
+  /// One of them as a contact.
+  Contact planeContact(const ToolMotion& tool, const VertexNearPlane& near) const;
+  /// Surfaces that are near the tool's, within their margin, or that would meet it within a time `ahead` [s] if all
+  /// went on as they now move. Gaps are those of now. A search that would cost too much (a quarter of the budget) ends
+  /// early. Appends.
+  void nearSurfaces(const ToolMotion& tool, double ahead, std::vector<Contact>& out);
 
   /// What a contact is with, null: a body.
   const Obstacle* obstacleOf(const Contact& contact) const;
