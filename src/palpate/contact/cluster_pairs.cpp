@@ -150,7 +150,7 @@ void SurfacePairFinder::testTriangles(PairSearch& s, const Local& a, const Local
   float apart = gapAlongNormal(s, s.a, va, s.b, vb);
   if (!(apart > s.box_reach)) apart = gapAlongNormal(s, s.b, vb, s.a, va);
   if (apart > s.box_reach) {
-    s.clearance = std::min(s.clearance, apart);
+    s.noteDistance(apart);
     return;
   }
   // most features of triangles that meet are apart by their own boxes

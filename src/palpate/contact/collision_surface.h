@@ -35,6 +35,10 @@ struct MovingBox {
     end_low = end_low.min(other.end_low);
     end_negative_high = end_negative_high.min(other.end_negative_high);
   }
+  /// What keeps the boxes apart at the start on each axis, below zero where nothing does [m].
+  Corner startGaps(const MovingBox& other) const {
+    return (start_low + other.start_negative_high).max(start_negative_high + other.start_low);
+  }
   /// Sum of the extents at the start [m].
   float size() const { return -(start_low + start_negative_high).sum(); }
 };

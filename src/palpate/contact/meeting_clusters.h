@@ -9,9 +9,7 @@
 namespace palpate {
 
 /// Of boxes at the start of the motion.
-inline bool overlapAtStart(const MovingBox& p, const MovingBox& q) {
-  return (p.start_low + q.start_negative_high).max(p.start_negative_high + q.start_low).maxCoeff() <= 0;
-}
+inline bool overlapAtStart(const MovingBox& p, const MovingBox& q) { return p.startGaps(q).maxCoeff() <= 0; }
 
 /// Calls visit(cluster of a, cluster of b) for those under a pair of nodes whose boxes overlap at the start; within one
 /// surface each pair once, and each cluster with itself; among those that are wanted(cluster of a, cluster of b). Both

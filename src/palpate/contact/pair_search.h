@@ -46,16 +46,12 @@ struct PairSearch {
   bool meet(const MovingBox& p, const MovingBox& q) const {
     return gap(p, q) <= box_reach && (!fast || meetInTime(p, q));
   }
-  /// Two features, not excluded, start so far apart.
+  /// Two triangles or features, not excluded, start at least so far apart.
   void noteDistance(double distance) { clearance = std::min(clearance, static_cast<float>(distance)); }
-  /// What some axis keeps the boxes apart by at the start.
-  static float startGap(const MovingBox& p, const MovingBox& q) {
-    return (p.start_low + q.start_negative_high).max(p.start_negative_high + q.start_low).maxCoeff();
-  }
   /// For triangles and features: keeps what is left of the clearance.
   bool meetClosely(const MovingBox& p, const MovingBox& q) {
     if (meet(p, q)) return true;
-    clearance = std::min(clearance, startGap(p, q));
+    noteDistance(p.startGaps(q).maxCoeff());
     return false;
   }
   /// Whether the boxes meet at any one time of the present piece.

@@ -11,8 +11,7 @@ namespace {
 
 // A lower bound of the distance of what is in the boxes at the start.
 float startDistance(const MovingBox& p, const MovingBox& q) {
-  const MovingBox::Corner gap = (p.start_low + q.start_negative_high).max(p.start_negative_high + q.start_low);
-  return std::sqrt(gap.max(0.0f).square().sum());
+  return std::sqrt(p.startGaps(q).max(0.0f).square().sum());
 }
 
 // On average.
