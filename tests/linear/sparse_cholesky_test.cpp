@@ -94,6 +94,9 @@ TEST(SymmetricBlockMatrix, MultiplyAgreesWithDense) {
   const auto m = randomMatrix(20, 3);
   const VecX x = randomColumns(60, 1, 4);
   EXPECT_LT(relativeError(m.multiply(x), dense(m) * x), 1e-14);
+  const MatX columns = randomColumns(60, 5, 6);
+  EXPECT_LT(relativeError(m.multiplyColumns(columns), dense(m) * columns), 1e-14);
+  EXPECT_EQ(m.diagonal(), dense(m).diagonal());
 }
 
 class SparseCholeskyOf : public testing::TestWithParam<std::tuple<int, int, Numeric>> {};

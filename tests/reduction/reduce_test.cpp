@@ -86,6 +86,57 @@ TEST(Reduction, ModesAreThoseOfTheDenseProblem) {
   EXPECT_LT((basis.modes.transpose() * mass.asDiagonal() * basis.modes - MatX::Identity(8, 8)).norm(), 1e-9);
 }
 
+// What the model says of momentum and of forces of rotation, against sums over the nodes.
+TEST(Reduction, InertiaIsThatOfThePoints) {
+  Pressed scene(Quat(Eigen::AngleAxisd(0.7, Vec3(1, 2, -1).normalized())));
+  LiveBasis basis;
+  const LiveModel model = scene.reduced({}, basis);
+  const Body tool = scene.world.tool();
+  const VecX mass = freeMasses(tool.model);
+  const Eigen::Index r = basis.modes.cols();
+  ASSERT_GT(r, 4);
+  const Vec3 v(0.3, -0.2, 0.5), w(2, -3, 1);
+  VecX rate(r);
+  for (Eigen::Index k = 0; k < r; ++k) rate[k] = 0.1 / (1.0 + static_cast<double>(k)) - 0.03;
+  const VecX swing = basis.modes * rate;
+
+  const Handle& handle = tool.model.handle();
+  Vec3 p = handle.mass * v, l = handle.inertia * w;
+  Vec3 coriolis_torque = Vec3::Zero();
+  double whole = handle.mass;
+  VecX centrifugal = VecX::Zero(mass.size()), coriolis = VecX::Zero(mass.size());
+  for (int i = 0; i < tool.model.freeNodes(); ++i) {
+    const double m = mass[3 * i];
+    const Vec3 y = basis.places.segment<3>(3 * i), s = swing.segment<3>(3 * i);
+    const Vec3 moving = m * (v + w.cross(y) + s);
+    whole += m;
+    p += moving;
+    l += y.cross(moving);
+    centrifugal.segment<3>(3 * i) = m * w.cross(w.cross(y));
+    coriolis.segment<3>(3 * i) = m * w.cross(s);
+    coriolis_torque += y.cross(m * w.cross(s));
+  }
+  Vec6 momentum, twist, expected;
+  twist << v, w;
+  momentum = model.inertia * twist + model.coupling * rate;
+  expected << p, l;
+  EXPECT_NEAR(model.mass, whole, 1e-14 * whole);
+  EXPECT_LT((momentum - expected).norm(), 1e-12 * expected.norm());
+  Vec6 squares;
+  squares << w[0] * w[0], w[1] * w[1], w[2] * w[2], w[0] * w[1], w[0] * w[2], w[1] * w[2];
+  VecX seen = model.centrifugal * squares, sums = basis.modes.transpose() * centrifugal;
+  EXPECT_LT((seen - sums).norm(), 1e-12 * sums.norm());
+  seen = VecX::Zero(r);
+  Vec3 torque = Vec3::Zero();
+  for (int k = 0; k < 3; ++k) {
+    seen += w[k] * (model.coriolis[k] * rate);
+    torque += w[k] * (model.coriolis_torque[k] * rate);
+  }
+  sums = basis.modes.transpose() * coriolis;
+  EXPECT_LT((seen - sums).norm(), 1e-12 * sums.norm());
+  EXPECT_LT((torque - coriolis_torque).norm(), 1e-12 * coriolis_torque.norm());
+}
+
 // A long horizon: what modes and W give together is the static compliance, for any number of modes.
 TEST(Reduction, GivesTheWholeStaticCompliance) {
   Pressed scene;

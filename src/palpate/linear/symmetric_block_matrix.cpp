@@ -51,4 +51,35 @@ VecX SymmetricBlockMatrix::multiply(const VecX& x) const {
   return y;
 }
 
+MatX SymmetricBlockMatrix::multiplyColumns(const MatX& x) const {
+  assert(x.rows() == 3 * size);
+  using Rows = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+  const Rows from = x;
+  Rows to = Rows::Zero(from.rows(), from.cols());
+  const Eigen::Index columns = from.cols();
+  const auto add = [columns](const double* a, int down, int right, const double* p, double* q) {
+    for (int i = 0; i < 3; ++i) {
+      const double b0 = a[i * down], b1 = a[i * down + right], b2 = a[i * down + 2 * right];
+      for (Eigen::Index c = 0; c < columns; ++c) {
+        q[i * columns + c] += b0 * p[c] + b1 * p[columns + c] + b2 * p[2 * columns + c];
+      }
+    }
+  };
+  for (int j = 0; j < size; ++j) {
+    for (int slot = column[j]; slot < column[j + 1]; ++slot) {
+      const int i = row[slot];
+      const double* a = values.data() + 9 * slot;
+      add(a, 1, 3, from.data() + 3 * j * columns, to.data() + 3 * i * columns);
+      if (i != j) add(a, 3, 1, from.data() + 3 * i * columns, to.data() + 3 * j * columns);
+    }
+  }
+  return to;
+}
+
+VecX SymmetricBlockMatrix::diagonal() const {
+  VecX out(3 * size);
+  for (int j = 0; j < size; ++j) out.segment<3>(3 * j) = block(column[j]).diagonal();
+  return out;
+}
+
 }  // namespace palpate

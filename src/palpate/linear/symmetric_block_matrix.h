@@ -25,8 +25,12 @@ struct SymmetricBlockMatrix {
   static SymmetricBlockMatrix fromPairs(int size, const std::vector<std::pair<int, int>>& pairs);
   /// Slot of block (i, j), i >= j; -1 if the pattern has none.
   int find(int i, int j) const;
-  /// y = A x for dense x [3 size]; used by checks, not by the step.
+  /// y = A x for dense x [3 size]; used by checks.
   VecX multiply(const VecX& x) const;
+  /// The same of columns, [3 size x any].
+  MatX multiplyColumns(const MatX& x) const;
+  /// [3 size]
+  VecX diagonal() const;
 };
 
 }  // namespace palpate

@@ -86,8 +86,8 @@ void diagonalize(Square a, Square v) {
         if (!(std::abs(off) > least)) continue;
         turned = true;
         const double ratio = (a(q, q) - a(p, p)) / (2 * off);
-        const double t = std::copysign(1.0, ratio) / (std::abs(ratio) + std::hypot(1.0, ratio));
-        const double c = 1 / std::hypot(1.0, t), s = t * c;
+        const double t = std::copysign(1.0, ratio) / (std::abs(ratio) + std::sqrt(1 + ratio * ratio));
+        const double c = 1 / std::sqrt(1 + t * t), s = t * c;
         rotate(c, s, a.column(p), a.column(q), a.n, 1);
         rotate(c, s, &a(p, 0), &a(q, 0), a.n, a.n);
         a(p, q) = a(q, p) = 0;

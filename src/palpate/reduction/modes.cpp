@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 
 #include "palpate/math/decompositions.h"
 
@@ -10,8 +11,9 @@ namespace {
 
 constexpr int kGuard = 2;  // vectors beyond those wanted
 constexpr int kFirstSweeps = 12;
-constexpr int kSweeps = 1;      // from the modes of the step before
-constexpr double kLeast = 1.0;  // squared frequency [1/s^2]
+constexpr int kSweeps = 1;       // from the modes of the step before
+constexpr double kStill = 0.05;  // of a mode, in the norm of A: by so little another would be better
+constexpr double kLeast = 1.0;   // squared frequency [1/s^2]
 
 // The columns of `start`, as far as there are any, then always the same for the same number of rows: smooth and rough
 // ones that no symmetry of a body is blind to.
@@ -28,6 +30,27 @@ MatX firstBasis(Eigen::Index rows, Eigen::Index columns, const MatX& start) {
   return out;
 }
 
+// Of K against M, from eigenvalues of A.
+VecX squaredFrequencies(const ModalProblem& problem, const VecX& values) {
+  return ((values.array() - problem.s) / problem.e).max(kLeast).matrix();
+}
+
+// Ritz vectors of A in the space of these columns, if A M^-1 leads hardly out of it: none otherwise.
+// @param columns  mass-normalized
+std::optional<Modes> stillModes(const ModalProblem& problem, const MatX& columns) {
+  const MatX momentum = problem.momentum(columns), forces = problem.matrix->multiplyColumns(columns);
+  const MatX a = columns.transpose() * forces;
+  const MatX left = forces - momentum * a;
+  const VecX diagonal = problem.matrix->diagonal();
+  for (Eigen::Index k = 0; k < columns.cols(); ++k) {
+    // about what the inverse would make of it, in the energy of A
+    const double off = left.col(k).cwiseAbs2().cwiseQuotient(diagonal).sum();
+    if (!(off < kStill * kStill * a(k, k))) return std::nullopt;
+  }
+  const SymmetricEigen ritz = symmetricEigen(a, MatX(columns.transpose() * momentum));
+  return Modes{columns * ritz.vectors, squaredFrequencies(problem, ritz.values)};
+}
+
 }  // namespace
 
 Modes findModes(const ModalProblem& problem, const MatX& start, int count) {
@@ -36,6 +59,9 @@ Modes findModes(const ModalProblem& problem, const MatX& start, int count) {
   const Eigen::Index columns = std::min<Eigen::Index>(wanted + kGuard, rows);
   if (wanted == 0) return {MatX(rows, 0), VecX(0)};
   const bool warm = start.rows() == rows && start.cols() > 0;
+  if (warm && problem.matrix != nullptr && start.cols() == wanted) {
+    if (std::optional<Modes> still = stillModes(problem, start)) return *std::move(still);
+  }
   MatX x = firstBasis(rows, columns, start);
   Modes modes;
   for (int k = 0; k < (warm ? kSweeps : kFirstSweeps); ++k) {
@@ -49,7 +75,7 @@ Modes findModes(const ModalProblem& problem, const MatX& start, int count) {
     m = 0.5 * (m + m.transpose()).eval();
     const SymmetricEigen ritz = symmetricEigen(a, m);
     x = y * ritz.vectors;
-    modes.squared_frequency = ((ritz.values.array() - problem.s) / problem.e).max(kLeast).matrix();
+    modes.squared_frequency = squaredFrequencies(problem, ritz.values);
   }
   modes.shapes = x;
   return modes;

@@ -2,6 +2,7 @@
 
 #include <functional>
 
+#include "palpate/linear/symmetric_block_matrix.h"
 #include "palpate/math/types.h"
 
 namespace palpate {
@@ -12,6 +13,7 @@ struct ModalProblem {
   double s, e;                                ///< of A; [1], [s^2]
   std::function<void(MatX&)> solve;           ///< columns <- A^-1 columns
   std::function<MatX(const MatX&)> momentum;  ///< M columns
+  const SymmetricBlockMatrix* matrix;         ///< A; null: sought anew in any case
 };
 
 /// Lowest modes.
@@ -29,8 +31,9 @@ struct ModalBasis {
   VecX project(const VecX& mass, const VecX& field) const { return modes.transpose() * mass.cwiseProduct(field); }
 };
 
-/// By subspace iteration.
-/// @param start   basis to begin with, [rows x any], or empty: chosen here, with more sweeps
+/// By subspace iteration; where the start still is an invariant subspace but for little, its Ritz vectors.
+/// @param start   modes of another problem that is hardly different, [rows x any], mass-normalized; or empty: chosen
+///                here, with more sweeps
 /// @param count   r; fewer where there are fewer rows
 Modes findModes(const ModalProblem& problem, const MatX& start, int count);
 

@@ -259,6 +259,10 @@ class Rested {
   const VecX& rub() const { return rub_; }
   BodySystem& system() const { return world_.body(body_).system; }
   const MatX& gram() const { return gram_; }  ///< J A^-1 J^T
+  // A, where that is all: of a body without a frame that nothing holds.
+  const SymmetricBlockMatrix* matrix() const {
+    return ties_.empty() && !system().model().framed() ? &system().matrix() : nullptr;
+  }
 
   // What the loads of these supports, all that hold the body, gain by forces on the sums: -S^-1 C A^-1 J^T.
   MatX bearing(const std::vector<PartnerSupport>& supports) const {
@@ -355,7 +359,7 @@ Modes modesOf(const Rested& rested, const MatX* start, int count, double s, doub
     modes = rigidModes(rested, s, e);
   } else {
     modes = findModes({unknowns(model), s, e, [&](MatX& columns) { rested.solveAll(columns); },
-                       [&](const MatX& columns) { return rested.momentum(columns); }},
+                       [&](const MatX& columns) { return rested.momentum(columns); }, rested.matrix()},
                       start != nullptr ? *start : MatX(), count);
   }
   Eigen::Index r = std::min<Eigen::Index>(count, modes.shapes.cols());

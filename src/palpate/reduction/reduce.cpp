@@ -19,12 +19,6 @@ constexpr double kLeastCompliance = 1e-7, kMostShift = 1.0;  // [m/N]
 constexpr double kMostFacet = 0.1;                           // [rad]: by which a point's normal is turned
 constexpr double kMostRise = 1e-3;                           // [m]
 
-Mat6 pointInertia(double mass, const Vec3& place) {
-  Eigen::Matrix<double, 3, 6> g;
-  g << Mat3::Identity(), -skew(place);
-  return mass * g.transpose() * g;
-}
-
 double horizonOf(const LiveSettings& settings, double step) { return std::max(settings.horizon, step); }
 
 // Of the damped force of a point's track, shared out among those points of it that carry force.
@@ -141,6 +135,7 @@ bool ToolReduction::factorize(World& world, const LiveSettings& settings, const 
   e_ = material.stiffnessScale(prepared.step);
   mass_ = freeMasses(tool.model);
   factor_ = &tool.system.factor();
+  matrix_ = &tool.system.matrix();
   positions_ = prepared.elastic.x;
   model.elastic_energy = prepared.energy;
   forces_ = prepared.elastic.forces;
@@ -152,7 +147,7 @@ void ToolReduction::findToolModes(const Input& input, int most, LiveBasis& basis
   const ScopedTimer timer(times_.modes);
   const int wanted = std::clamp(most, 0, LiveSize::kToolModes);
   const Modes modes = findModes({mass_.size(), mass_scale_, e_, [&](MatX& columns) { factor_->solve(columns); },
-                                 [&](const MatX& columns) { return MatX(mass_.asDiagonal() * columns); }},
+                                 [&](const MatX& columns) { return MatX(mass_.asDiagonal() * columns); }, matrix_},
                                 input.start, wanted);
   // what the subspace iteration has beyond the wanted modes only helps it on
   const Eigen::Index r = std::min<Eigen::Index>(wanted, modes.shapes.cols());
@@ -163,54 +158,48 @@ void ToolReduction::findToolModes(const Input& input, int most, LiveBasis& basis
   model.damping = (model.alpha + model.beta * model.squared_frequency.array()).matrix();
 }
 
+// All of it is sums of the modes' coordinates, weighed by m and m y: y x (e_k x q) = e_k (y . q) - q (y . e_k).
 void ToolReduction::addInertia(const World& world, const Input& input, const LiveBasis& basis, LiveModel& model) {
   const ScopedTimer timer(times_.modes);
   const Body tool = world.tool();
   const Handle& handle = tool.model.handle();
-  const Eigen::Index r = basis.modes.cols();
-  model.mass = handle.mass;
-  model.inertia.setZero();
-  model.inertia.topLeftCorner<3, 3>() = handle.mass * Mat3::Identity();
-  model.inertia.bottomRightCorner<3, 3>() = handle.inertia;
-  model.moment.setZero();
-  model.coupling.setZero(6, r);
-  MatX turned(basis.modes.rows(), r);  // M [y]x Q, then M [e_k]x Q
-  MatX squares(basis.modes.rows(), 6);
-  for (int i = 0; i < tool.model.freeNodes(); ++i) {
-    const double m = mass_[3 * i];
+  const Eigen::Index n = tool.model.freeNodes(), r = basis.modes.cols();
+  Eigen::Matrix<double, Eigen::Dynamic, 4> weight(n, 4);
+  Mat3 second = Mat3::Zero();
+  for (Eigen::Index i = 0; i < n; ++i) {
     const Vec3 y = basis.places.segment<3>(3 * i);
-    model.mass += m;
-    model.moment += m * y;
-    model.inertia += pointInertia(m, y);
-    if (r > 0) {
-      const auto q = basis.modes.middleRows<3>(3 * i);
-      model.coupling.topRows<3>() += m * q;
-      model.coupling.bottomRows<3>() += m * skew(y) * q;
-    }
-    // w x (w x y) = w (w . y) - y (w . w)
-    auto s = squares.middleRows<3>(3 * i);
-    for (int k = 0; k < 3; ++k) {
-      s.col(k) = -m * y;
-      s(k, k) += m * y[k];
-    }
-    const std::array<std::pair<int, int>, 3> mixed{{{0, 1}, {0, 2}, {1, 2}}};
-    for (int k = 0; k < 3; ++k) {
-      const auto [a, b] = mixed[static_cast<std::size_t>(k)];
-      s.col(3 + k).setZero();
-      s(a, 3 + k) = m * y[b];
-      s(b, 3 + k) = m * y[a];
-    }
+    const double m = mass_[3 * i];
+    weight.row(i) << m, m * y.transpose();
+    second += (m * y) * y.transpose();
   }
-  model.centrifugal = basis.modes.transpose() * squares;
+  model.mass = handle.mass + weight.col(0).sum();
+  model.moment = weight.rightCols<3>().colwise().sum().transpose();
+  model.inertia << model.mass * Mat3::Identity(), -skew(model.moment), skew(model.moment),
+      handle.inertia + second.trace() * Mat3::Identity() - second;
+
+  std::array<MatX, 3> q;                                      // the modes' coordinates
+  std::array<Eigen::Matrix<double, 4, Eigen::Dynamic>, 3> p;  // their weighed sums
+  using EveryThird = Eigen::Stride<Eigen::Dynamic, 3>;
+  for (int b = 0; b < 3; ++b) {
+    q[b] = Eigen::Map<const MatX, 0, EveryThird>(basis.modes.data() + b, n, r, EveryThird(basis.modes.rows(), 3));
+    p[b] = weight.transpose() * q[b];
+  }
+  const auto product = [&](int a, int b) { return p[b].row(1 + a); };  // sum m y_a q_b
+  const VecX inner = (product(0, 0) + product(1, 1) + product(2, 2)).transpose();
+  model.coupling.setZero(6, r);
+  model.centrifugal.setZero(r, 6);
   for (int k = 0; k < 3; ++k) {
-    const Mat3 axis = skew(Vec3::Unit(k));
+    const int a = (k + 1) % 3, b = (k + 2) % 3;
+    model.coupling.row(k) = p[k].row(0);
+    model.coupling.row(3 + k) = product(a, b) - product(b, a);
+    // w x (w x y) = w (w . y) - y (w . w)
+    model.centrifugal.col(k) = product(k, k).transpose() - inner;
+    model.centrifugal.col(5 - k) = (product(a, b) + product(b, a)).transpose();
     model.coriolis_torque[k].setZero(3, r);
-    for (int i = 0; i < tool.model.freeNodes() && r > 0; ++i) {
-      const auto q = basis.modes.middleRows<3>(3 * i);
-      turned.middleRows<3>(3 * i) = mass_[3 * i] * axis * q;
-      model.coriolis_torque[k] += skew(basis.places.segment<3>(3 * i)) * turned.middleRows<3>(3 * i);
-    }
-    model.coriolis[k] = basis.modes.transpose() * turned;
+    model.coriolis_torque[k].row(k) = inner.transpose();
+    for (int c = 0; c < 3; ++c) model.coriolis_torque[k].row(c) -= product(k, c);
+    const MatX across = q[b].transpose() * (weight.col(0).asDiagonal() * q[a]);
+    model.coriolis[k] = across - across.transpose();
   }
   model.speed = basis.project(mass_, input.shape.speeds);
   VecX force(basis.modes.rows());

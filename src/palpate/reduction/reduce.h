@@ -69,6 +69,7 @@ class ToolReduction {
   MatX secondDifferences(const BodyModel& tool, const LiveBasis& basis, int count) const;
 
   SparseCholesky* factor_ = nullptr;  // of A_H = mass_scale_ M + e_ K, the tool's
+  const SymmetricBlockMatrix* matrix_ = nullptr;
   double mass_scale_ = 1, e_ = 0;
   ElasticState elastic_;
   VecX positions_;        // all nodes, handle's frame: R^T (x - p)
