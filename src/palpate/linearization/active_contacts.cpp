@@ -73,7 +73,7 @@ std::vector<char> reached(const ContactSet& set, const std::vector<int>& island,
 ActiveContacts activeContacts(const World& world, const LinearizationSettings& settings) {
   ActiveContacts out;
   const ContactSet& set = world.contacts();
-  const BodyContactRows* own = world.toolRows();
+  const BodyContactRows* own = world.bodyRows(world.toolIndex());
   if (own == nullptr || own->contacts.empty()) return out;
   const bool glued = set.contacts[own->contacts.front()].glued();  // those come first
   if (set.active() == 0 && !glued) return out;

@@ -65,7 +65,7 @@ HandleModel handleModel(const Body& tool, const Vec6& force, const RightHandSide
 // J_h^T lambda / h: contact on the handle itself.
 Vec6 handleContact(const World& world) {
   const ContactSet& set = world.contacts();
-  const BodyContactRows* rows = world.toolRows();
+  const BodyContactRows* rows = world.bodyRows(world.toolIndex());
   if (rows == nullptr || set.contacts.empty() || rows->contacts.empty()) return Vec6::Zero();
   return rows->handle * rows->gather(set.impulse) / world.tool().system.input().step;
 }

@@ -138,10 +138,9 @@ struct Tie {
   Vec3 force;  // on the contact's first point [N]
   bool slides;
   Eigen::Index rows() const { return slides ? 1 : 3; }
-  // A column for each of its rows.
+  // A column for each of its rows: the first ones of the contact's own.
   Eigen::Matrix<double, 3, Eigen::Dynamic, Eigen::ColMajor, 3, 3> axes() const {
-    if (slides) return contact->normal;
-    return Mat3::Identity();
+    return contact->frame().transpose().leftCols(rows());
   }
 };
 
@@ -187,8 +186,7 @@ NodeSum nodesOf(const Contact& c, int body) {
 }
 
 // Of the Gram matrix of sums and of three rows for each tie the sums' rows and those that hold; lower triangles.
-MatX holding(MatX gram, Eigen::Index own, const std::vector<Tie>& ties) {
-  if (std::none_of(ties.begin(), ties.end(), [](const Tie& t) { return t.slides; })) return gram;
+MatX holding(const MatX& gram, Eigen::Index own, const std::vector<Tie>& ties) {
   const Eigen::Index size = own + rowsOf(ties);
   MatX out(size, size);
   out.topLeftCorner(own, own) = gram.topLeftCorner(own, own);
@@ -223,7 +221,47 @@ MatX gluedCompliance(World& world, const std::vector<int>& bodies, const std::ve
     BodySystem& system = world.body(b).system;
     w.triangularView<Eigen::Lower>() += system.stiffnessScale() * lowerGram(system, rows);
   }
-  return tied(holding(std::move(w), own, ties), own);
+  return tied(holding(w, own, ties), own);
+}
+
+// Where the ties are among the rows that the step had of the body; none if any is not. Both are in the order of
+// contacts.
+std::vector<Eigen::Index> rowsInStep(const BodyContactRows& step, const std::vector<Contact>& contacts,
+                                     const std::vector<Tie>& ties) {
+  std::vector<Eigen::Index> out;
+  for (std::size_t k = 0; k < step.contacts.size() && out.size() < ties.size(); ++k) {
+    if (contacts[step.contacts[k]] == *ties[out.size()].contact) out.push_back(static_cast<Eigen::Index>(3 * k));
+  }
+  if (out.size() < ties.size()) out.clear();
+  return out;
+}
+
+// What holding() gives, with the step's Delassus operator for the ties among themselves: by the sums' own columns
+// alone.
+MatX holding(BodySystem& system, const std::vector<NodeSum>& sums, const std::vector<Tie>& ties,
+             const std::vector<NodeSum>& holds, const MatX& delassus, const std::vector<Eigen::Index>& row_of) {
+  const auto own = static_cast<Eigen::Index>(3 * sums.size());
+  MatX columns = MatX::Zero(unknowns(system.model()), own);
+  for (std::size_t k = 0; k < sums.size(); ++k) {
+    addLoads(system, sums[k], Mat3(Mat3::Identity()), columns.middleCols<3>(static_cast<Eigen::Index>(3 * k)));
+  }
+  solve(system, columns);
+  MatX out(own + rowsOf(ties), own + rowsOf(ties));
+  for (std::size_t k = 0; k < sums.size(); ++k) {
+    out.block(static_cast<Eigen::Index>(3 * k), 0, 3, own) = applied(system, sums[k], columns);
+  }
+  Eigen::Index row = own;
+  for (std::size_t i = 0; i < ties.size(); ++i) {
+    const Eigen::Index rows = ties[i].rows();
+    out.block(row, 0, rows, own) = ties[i].axes().transpose() * applied(system, holds[i], columns);
+    Eigen::Index column = own;
+    for (std::size_t j = 0; j <= i; ++j) {
+      out.block(row, column, rows, ties[j].rows()) = delassus.block(row_of[i], row_of[j], rows, ties[j].rows());
+      column += ties[j].rows();
+    }
+    row += rows;
+  }
+  return out;
 }
 
 // Of one body. What it rests on is tied: for those rows C, A^-1 becomes A^-1 - U S^-1 U^T, U = A^-1 C^T, S = C U.
@@ -231,13 +269,9 @@ class Rested {
  public:
   Rested(World& world, int body, const PartnerInput& input)
       : world_(world), body_(body), sums_(input.sums), ties_(tiesOf(world, {body}, input.supports != nullptr)) {
-    std::vector<NodeSum> rows = sums_;
-    for (const Tie& t : ties_) {
-      holds_.push_back(nodesOf(*t.contact, body));
-      rows.push_back(holds_.back());
-    }
+    for (const Tie& t : ties_) holds_.push_back(nodesOf(*t.contact, body));
     const auto own = static_cast<Eigen::Index>(3 * sums_.size());
-    const MatX gram = holding(lowerGram(system(), rows), own, ties_);
+    const MatX gram = wholeGram();
     gram_ = gram.topLeftCorner(own, own).selfadjointView<Eigen::Lower>();
     rub_ = VecX::Zero(unknowns(system().model()));
     const Eigen::Index held = gram.rows() - own;
@@ -317,6 +351,19 @@ class Rested {
   }
 
  private:
+  // Of the sums' rows and those that hold; lower triangle.
+  MatX wholeGram() const {
+    if (ties_.size() > sums_.size()) {
+      if (const BodyContactRows* step = world_.bodyRows(body_)) {
+        const std::vector<Eigen::Index> row_of = rowsInStep(*step, world_.contacts().contacts, ties_);
+        if (!row_of.empty()) return holding(system(), sums_, ties_, holds_, step->delassus, row_of);
+      }
+    }
+    std::vector<NodeSum> rows = sums_;
+    rows.insert(rows.end(), holds_.begin(), holds_.end());
+    return holding(lowerGram(system(), rows), static_cast<Eigen::Index>(3 * sums_.size()), ties_);
+  }
+
   World& world_;
   int body_;
   const std::vector<NodeSum>& sums_;

@@ -66,9 +66,9 @@ std::vector<Contact> World::glued(int body) const {
   return out;
 }
 
-const BodyContactRows* World::toolRows() const {
+const BodyContactRows* World::bodyRows(int body) const {
   const std::vector<int>& moved = contacts().bodies;
-  const auto at = std::find(moved.begin(), moved.end(), tool_);
+  const auto at = std::find(moved.begin(), moved.end(), body);
   return at == moved.end() ? nullptr : &contacts().rows[static_cast<std::size_t>(at - moved.begin())];
 }
 

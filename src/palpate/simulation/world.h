@@ -123,8 +123,8 @@ class World {
   const ContactSet& contacts() const { return stage_.result(); }
   /// Hands them over to whoever still looks at them, right before the next step, which depends on none of them.
   ContactSet takeContacts() { return stage_.take(); }
-  /// The tool's part of them; null: it did not move.
-  const BodyContactRows* toolRows() const;
+  /// A body's part of them; null: it did not move.
+  const BodyContactRows* bodyRows(int body) const;
 
   /// Friction of pairs. Obstacles' and bodies' own coefficients are entered by add().
   void setFriction(int first, int second, double coefficient) { friction_.setPair(first, second, coefficient); }
