@@ -472,6 +472,40 @@ TEST(PartnerCompliance, GluedBodiesYieldTogether) {
   EXPECT_LT((found[1] - found[0]).norm(), 1e-3 * found[0].norm());
 }
 
+// A soft block that stands on the ground by friction, or slides on it: what holds it has rows in the step, which are
+// taken as they are; the same comes out when they are built anew.
+TEST(PartnerCompliance, RowsOfTheStepAreThoseThatHold) {
+  for (const double speed : {0.0, 0.5}) {
+    Material material;
+    material.youngs_modulus = 2e4;
+    material.damping_beta = 0.002;
+    World world;
+    world.obstacles = {ground()};
+    BodyModel tool("tool", moved(barMesh({0.01, 0.01, 0.01}, {1, 1, 1}), {Vec3(0, 0, 1), Quat::Identity()}), material);
+    holdNodes(
+        tool, [](const Vec3& p) { return p.z() > 1.005; }, kPlainHandle);
+    world.add(std::move(tool));
+    world.add(BodyModel("block", barMesh({0.04, 0.04, 0.04}, {3, 3, 3}), material));
+    WorldState state = world.state();
+    for (int k = 0; k < world.body(1).model.nodes(); ++k) state.bodies[1].velocities[3 * k] = speed;
+    world.restore(state);
+    for (int k = 0; k < 5; ++k) {
+      ASSERT_EQ(world.step({world.tool().state.handle.pose, Vec6::Zero()}, 0.01).status, StepStatus::ok);
+    }
+    ASSERT_GT(world.contacts().active(), 8);
+    const auto nodes =
+        nodesWhere(world.body(1).model.mesh().mesh.nodes, [](const Vec3& p) { return p.z() > 0.04 - 1e-9; });
+    const std::vector<NodeSum> sums{{0, {{nodes[0], 0.7}, {nodes[1], 0.3}}}, {3, {{nodes[5], 1.0}}}};
+    MatX taken = MatX::Zero(6, 6), anew = MatX::Zero(6, 6);
+    reducePartner(world, 1, {sums, {}, nullptr, nullptr, 0}, taken);
+    world.takeContacts();
+    ASSERT_EQ(world.bodyRows(1), nullptr);
+    reducePartner(world, 1, {sums, {}, nullptr, nullptr, 0}, anew);
+    EXPECT_GT(anew.norm(), 1e-3);
+    EXPECT_LT((taken - anew).norm(), 1e-9 * anew.norm()) << speed;
+  }
+}
+
 // A block on the floor that the world holds, after a step: its modes are those of the dense problem, and what they and
 // the rest give is what it gives without.
 TEST(PartnerModes, TheyAndTheRestAreTheWholeCompliance) {
