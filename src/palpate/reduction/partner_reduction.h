@@ -19,6 +19,10 @@ struct PartnerBasis : ModalBasis {
   int body = -1;
   Pose pose{};               ///< of a rigid body
   Mat6 mass = Mat6::Zero();  ///< of a rigid body, there
+  Eigen::Index first = 0;    ///< of its modes in the model
+
+  /// Its part of what the model has for each mode.
+  VecX own(const VecX& all) const { return all.segment(first, modes.cols()); }
 };
 
 /// A body that the tool touches, reduced: its lowest modes, with what it rests on tied (docs/live.md).

@@ -295,6 +295,7 @@ void ToolReduction::addPartners(World& world, const LiveSettings& settings, cons
     const Eigen::Index r = modes.squared_frequency.size();
     if (r == 0) continue;
     left -= static_cast<int>(r);
+    modes.basis.first = model.modes();
     widen(model, r);
     for (std::size_t k = 0; k < own.size(); ++k) {
       model.shape.middleRows<3>(own[k].row).rightCols(r) =

@@ -44,6 +44,26 @@ double largestMotion(const Handle& frame, const Pose& pose, const Vec6& motion) 
   return most;
 }
 
+// Where a body is in the world and how it moves, by its modes.
+struct ModalMotion {
+  VecX z, speed;
+};
+ModalMotion modalMotion(const Body& body, const PartnerBasis& basis) {
+  if (body.model.isRigid()) {
+    const MatX project = basis.modes.transpose() * basis.mass;
+    return {project * poseDifference(body.state.handle.pose, basis.pose), project * body.state.handle.twist};
+  }
+  const int n = body.model.freeNodes();
+  VecX moved(3 * n), speed(3 * n);
+  for (int k = 0; k < n; ++k) {
+    const int i = body.model.free()[k];
+    moved.segment<3>(3 * k) = body.state.positions.segment<3>(3 * i) - basis.places.segment<3>(3 * k);
+    speed.segment<3>(3 * k) = body.state.velocities.segment<3>(3 * i);
+  }
+  const VecX mass = freeMasses(body.model);
+  return {basis.project(mass, moved), basis.project(mass, speed)};
+}
+
 // From 0, it moves, to 1, it rests.
 double stillAt(double speed) { return 1.0 - std::clamp((speed - kStill) / (kMoving - kStill), 0.0, 1.0); }
 
@@ -89,10 +109,8 @@ bool LiveVisual::replayed(const World& world, const HandlePath& path, LiveState&
 double LiveVisual::stillness(const World& world, const ToolPath& way, const LiveState& replayed) const {
   double speed = std::max(largestSpeed(way, largestNorm(state_.basis.places)),
                           largestNorm(state_.basis.modes * replayed.speed.head(state_.basis.modes.cols())));
-  Eigen::Index at = state_.basis.modes.cols();
   for (const PartnerBasis& basis : state_.basis.partners) {
-    const VecX own = basis.modes * replayed.speed.segment(at, basis.modes.cols());
-    at += basis.modes.cols();
+    const VecX own = basis.modes * basis.own(replayed.speed);
     const Body body = world.body(basis.body);
     speed = std::max(speed, body.model.isRigid() ? largestMotion(body.model.handle(), body.state.handle.pose, own)
                                                  : largestNorm(own));
@@ -139,41 +157,18 @@ ToolShape LiveVisual::corrected(const World& world, const LiveState& replayed) {
 
 // The same of the bodies that it touches.
 void LiveVisual::correctPartners(const World& world, const LiveState& replayed) {
-  Eigen::Index at = state_.basis.modes.cols();
   for (const PartnerBasis& basis : state_.basis.partners) {
-    const Eigen::Index r = basis.modes.cols(), first = at;
-    at += r;
     const Body body = world.body(basis.body);
-    if (body.model.isRigid()) {
-      correctFrame(body, basis, replayed.z.segment(first, r), replayed.speed.segment(first, r));
-      continue;
-    }
-    const int n = body.model.freeNodes();
-    VecX moved(3 * n), speed(3 * n);
-    for (int k = 0; k < n; ++k) {
-      const int i = body.model.free()[k];
-      moved.segment<3>(3 * k) = body.state.positions.segment<3>(3 * i) - basis.places.segment<3>(3 * k);
-      speed.segment<3>(3 * k) = body.state.velocities.segment<3>(3 * i);
-    }
-    const VecX mass = freeMasses(body.model);
+    const ModalMotion now = modalMotion(body, basis);
     BodyCorrection correction{basis.body, {}, {}};
-    correction.shift = basis.modes * (settings_.feedback * (replayed.z.segment(first, r) - basis.project(mass, moved)));
-    if (correction.shift.cwiseAbs().maxCoeff() > kFarthest) continue;
-    correction.velocity =
-        basis.modes * (settings_.feedback * (replayed.speed.segment(first, r) - basis.project(mass, speed)));
+    correction.shift = basis.modes * (settings_.feedback * (basis.own(replayed.z) - now.z));
+    const double most = body.model.isRigid()
+                            ? largestMotion(body.model.handle(), body.state.handle.pose, correction.shift)
+                            : correction.shift.cwiseAbs().maxCoeff();
+    if (most > kFarthest) continue;
+    correction.velocity = basis.modes * (settings_.feedback * (basis.own(replayed.speed) - now.speed));
     state_.others.push_back(std::move(correction));
   }
-}
-
-// Of a rigid one: its pose and its twist.
-void LiveVisual::correctFrame(const Body& body, const PartnerBasis& basis, const VecX& z, const VecX& speed) {
-  const MatX project = basis.modes.transpose() * basis.mass;
-  const Vec6 moved = poseDifference(body.state.handle.pose, basis.pose);
-  BodyCorrection correction{basis.body, {}, {}};
-  correction.shift = basis.modes * (settings_.feedback * (z - project * moved));
-  if (largestMotion(body.model.handle(), body.state.handle.pose, correction.shift) > kFarthest) return;
-  correction.velocity = basis.modes * (settings_.feedback * (speed - project * body.state.handle.twist));
-  state_.others.push_back(std::move(correction));
 }
 
 void LiveVisual::reduce(World& world, const LiveSettings& settings, const ToolShape& shape, double still, double step,

@@ -45,7 +45,6 @@ class LiveVisual {
   double stillness(const World& world, const ToolPath& way, const LiveState& replayed) const;
   ToolShape corrected(const World& world, const LiveState& replayed);
   void correctPartners(const World& world, const LiveState& replayed);
-  void correctFrame(const Body& body, const PartnerBasis& basis, const VecX& z, const VecX& speed);
   void reduce(World& world, const LiveSettings& settings, const ToolShape& shape, double still, double step,
               std::int64_t index, double time);
 
