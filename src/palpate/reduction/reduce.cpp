@@ -179,9 +179,8 @@ void ToolReduction::addInertia(const World& world, const Input& input, const Liv
 
   std::array<MatX, 3> q;                                      // the modes' coordinates
   std::array<Eigen::Matrix<double, 4, Eigen::Dynamic>, 3> p;  // their weighed sums
-  using EveryThird = Eigen::Stride<Eigen::Dynamic, 3>;
   for (int b = 0; b < 3; ++b) {
-    q[b] = Eigen::Map<const MatX, 0, EveryThird>(basis.modes.data() + b, n, r, EveryThird(basis.modes.rows(), 3));
+    q[b] = basis.modes(Eigen::seqN(b, n, Eigen::fix<3>), Eigen::all);
     p[b] = weight.transpose() * q[b];
   }
   const auto product = [&](int a, int b) { return p[b].row(1 + a); };  // sum m y_a q_b
