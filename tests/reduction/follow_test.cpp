@@ -147,6 +147,34 @@ TEST(Follow, APulledStepBringsNoCorrection) {
   }
 }
 
+// Pressed on the ground, a tool is to be stretched again by what presses it: the ground does not let it, and the energy
+// that this would have taken away is not made.
+TEST(Follow, ABlockedCorrectionMakesNoEnergy) {
+  Held held(0.0);
+  Vec6 down = Vec6::Zero();
+  down[2] = -0.006 / (10 * kStep);
+  for (int k = 0; k < 30; ++k) {
+    const Vec6 twist = k < 10 ? down : Vec6(Vec6::Zero());
+    ASSERT_FALSE(held.world.follow(straight(held.world.tool().state.handle.pose, twist, kStep), kStep).failed());
+  }
+  ASSERT_EQ(held.world.state().pulled_after, 0);
+  ASSERT_GT(held.world.contacts().active(), 0);
+  const BodyModel& tool = held.world.tool().model;
+  const VecX before = held.world.tool().state.positions;
+  ToolPath path = straight(held.world.tool().state.handle.pose, Vec6::Zero(), kStep);
+  path.shift = VecX::Zero(3 * tool.freeNodes());
+  const double top = held.world.tool().state.handle.pose.position.z();
+  for (int r = 0; r < tool.freeNodes(); ++r) {
+    path.shift[3 * r + 2] = -0.005 * (top - before[3 * tool.free()[r] + 2]) / top;
+  }
+  const StepReport report = held.world.follow(path, kStep);
+  EXPECT_TRUE(report.corrected);
+  EXPECT_LT(report.energy_corrected, -1e-3);
+  EXPECT_EQ(report.energy_made, 0);
+  EXPECT_EQ(held.world.state().pulled_after, 0) << "left the path";
+  for (int i = 0; i < tool.nodes(); ++i) EXPECT_GT(held.world.tool().state.positions[3 * i + 2], -1e-4);
+}
+
 // A body that nothing leads is corrected: it ends up shifted and faster by that, with the energy that it brings in the
 // account; a correction is no motion.
 TEST(Follow, OtherBodiesAreCorrected) {

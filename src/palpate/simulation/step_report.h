@@ -44,7 +44,9 @@ struct StepReport {
   /// By which the energy at the end exceeds that at the start, the work of link, gravity and driven bodies, and a
   /// hundredth of the sum of all their magnitudes [J].
   double energy_made = 0;
-  double energy_corrected = 0;  ///< that corrections with a followed path brought, not counted there [J]
+  /// That corrections with a followed path brought, not counted there; below zero where they were to take some away,
+  /// which contact need not let happen [J].
+  double energy_corrected = 0;
   bool corrected = false;       ///< these were brought in, as far as contact let them: the path was followed
   bool out_of_budget = false;   ///< the budget was used up: the rest of the step was taken as it came
   bool failed() const { return status == StepStatus::restored; }

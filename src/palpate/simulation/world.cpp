@@ -307,6 +307,13 @@ constexpr double kEnergyFloor = 1e-5;
 // a handle that is led takes the free nodes along as one rigid body first
 constexpr double kFollowingFloor = 1e-3;
 
+namespace {
+
+// What a step may end with: energy that corrections bring is not made, and what they would take away contact can keep.
+double startEnergy(double before, const StepReport& report) { return before + std::max(0.0, report.energy_corrected); }
+
+}  // namespace
+
 // All bodies to the end of a part of a step. @returns false (nothing has happened) if it is not good enough; the last
 // try is always taken
 bool World::tryStep(const StepInput& input, double share, bool last, StepReport& report) {
@@ -324,7 +331,7 @@ bool World::tryStep(const StepInput& input, double share, bool last, StepReport&
   findEnergies(report, input.end_time);
   StepWork work;
   for (int i = 0; i < bodies(); ++i) work += workOn(*systems_[i], state_.bodies[i]);
-  const double made = energyMade(before + report.energy_corrected, energy_, work, share);
+  const double made = energyMade(startEnergy(before, report), energy_, work, share);
   const double floor = input.followed.on ? kFollowingFloor : kEnergyFloor;
   const bool forced = input.followed.on && systems_[tool_]->wrenchOnHandle(state_.bodies[tool_]).head<3>().norm() >
                                                input.followed.largest_force;
@@ -452,7 +459,7 @@ StepReport World::walk(Way way, int parts) {
     stepAlong(way, static_cast<double>(k) / parts, static_cast<double>(k + 1) / parts, report);
   }
   state_.time += way.step;
-  report.energy_made = energyMade(before + report.energy_corrected, energy_, work_);
+  report.energy_made = energyMade(startEnergy(before, report), energy_, work_);
   if (follows) {
     state_.pulled_after = way.pulled ? std::min(2 * state_.pulled_after + 1, kMostPulled) : 0;
     state_.pulled_steps = state_.pulled_after;
