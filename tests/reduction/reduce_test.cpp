@@ -64,9 +64,7 @@ MatX stiffness(const World& world) {
   ElasticState elastic = world.tool().state.elastic;
   tool.elasticity().updateRotations(world.tool().state.positions, elastic);
   tool.elasticity().assemble(0.0, 1.0, elastic, a);
-  MatX dense(3 * a.size, 3 * a.size);
-  for (Eigen::Index j = 0; j < dense.cols(); ++j) dense.col(j) = a.multiply(VecX::Unit(dense.cols(), j));
-  return dense;
+  return a.multiplyColumns(MatX::Identity(3 * a.size, 3 * a.size));
 }
 
 TEST(Reduction, ModesAreThoseOfTheDenseProblem) {
@@ -424,6 +422,15 @@ TEST(Reduction, WhatIsAtRestOnASoftBodyStaysAtRest) {
   }
 }
 
+// A small tool that is held so far above all else that it has no part in what happens there.
+void addFarTool(World& world, const Material& material, double height) {
+  BodyModel tool("tool", moved(barMesh({0.01, 0.01, 0.01}, {1, 1, 1}), {Vec3(0, 0, height), Quat::Identity()}),
+                 material);
+  holdNodes(
+      tool, [&](const Vec3& p) { return p.z() > height + 0.005; }, kPlainHandle);
+  world.add(std::move(tool));
+}
+
 // A block of two glued parts yields like one, also where it stands on the ground.
 TEST(PartnerCompliance, GluedBodiesYieldTogether) {
   Material material;
@@ -441,10 +448,7 @@ TEST(PartnerCompliance, GluedBodiesYieldTogether) {
   std::vector<MatX> found;
   for (const int parts : {1, 2}) {
     World world;
-    BodyModel tool("tool", moved(barMesh({0.01, 0.01, 0.01}, {1, 1, 1}), {Vec3(0, 0, 1), Quat::Identity()}), material);
-    holdNodes(
-        tool, [](const Vec3& p) { return p.z() > 1.005; }, kPlainHandle);
-    world.add(std::move(tool));
+    addFarTool(world, material, 1);
     BodyModel top = parts == 1 ? block("whole", 0, 0.04, 4) : block("top", 0.02, 0.04, 2);
     if (parts == 2) {
       BodyModel bottom = block("bottom", 0, 0.02, 2);
@@ -481,10 +485,7 @@ TEST(PartnerCompliance, RowsOfTheStepAreThoseThatHold) {
     material.damping_beta = 0.002;
     World world;
     world.obstacles = {ground()};
-    BodyModel tool("tool", moved(barMesh({0.01, 0.01, 0.01}, {1, 1, 1}), {Vec3(0, 0, 1), Quat::Identity()}), material);
-    holdNodes(
-        tool, [](const Vec3& p) { return p.z() > 1.005; }, kPlainHandle);
-    world.add(std::move(tool));
+    addFarTool(world, material, 1);
     world.add(BodyModel("block", barMesh({0.04, 0.04, 0.04}, {3, 3, 3}), material));
     WorldState state = world.state();
     for (int k = 0; k < world.body(1).model.nodes(); ++k) state.bodies[1].velocities[3 * k] = speed;
@@ -513,10 +514,7 @@ TEST(PartnerModes, TheyAndTheRestAreTheWholeCompliance) {
   material.youngs_modulus = 2e4;
   material.damping_beta = 0.002;
   World world;
-  BodyModel tool("tool", moved(barMesh({0.01, 0.01, 0.01}, {1, 1, 1}), {Vec3(0, 0, 1), Quat::Identity()}), material);
-  holdNodes(
-      tool, [](const Vec3& p) { return p.z() > 1.005; }, kPlainHandle);
-  world.add(std::move(tool));
+  addFarTool(world, material, 1);
   BodyModel block("block", barMesh({0.04, 0.04, 0.04}, {3, 3, 3}), material);
   Attachment floor;
   floor.name = "floor";
@@ -541,8 +539,7 @@ TEST(PartnerModes, TheyAndTheRestAreTheWholeCompliance) {
   EXPECT_LT((rest - whole).norm(), 1e-9 * whole.norm());
 
   const VecX mass = freeMasses(body.model);
-  MatX k = MatX::Zero(mass.size(), mass.size());
-  for (Eigen::Index j = 0; j < k.cols(); ++j) k.col(j) = body.system.matrix().multiply(VecX::Unit(k.cols(), j));
+  MatX k = body.system.matrix().multiplyColumns(MatX::Identity(mass.size(), mass.size()));
   k = (k - s * MatX(mass.asDiagonal())) / e;
   const SymmetricEigen exact = symmetricEigen(k, MatX(mass.asDiagonal()));
   for (int i = 0; i < 6; ++i) EXPECT_NEAR(modes.squared_frequency[i] / exact.values[i], 1.0, 0.02) << i;
@@ -560,12 +557,8 @@ TEST(PartnerModes, ARigidBodyHasTheMotionsThatNothingHolds) {
     for (const double height : {0.0, 2.0}) {
       Material material;
       World world;
-      BodyModel tool("tool", moved(barMesh({0.01, 0.01, 0.01}, {1, 1, 1}), {Vec3(0, 0, 3), Quat::Identity()}),
-                     material);
-      holdNodes(
-          tool, [](const Vec3& p) { return p.z() > 3.005; }, kPlainHandle);
       world.obstacles = {ground()};
-      world.add(std::move(tool));
+      addFarTool(world, material, 3);
       Vec6 velocity = Vec6::Zero();
       velocity[0] = speed;
       const Vec3 lift(0, 0, 0.0101 + height);

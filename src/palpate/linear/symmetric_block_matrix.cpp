@@ -38,18 +38,7 @@ int SymmetricBlockMatrix::find(int i, int j) const {
   return found != end && *found == i ? static_cast<int>(found - row.begin()) : -1;
 }
 
-VecX SymmetricBlockMatrix::multiply(const VecX& x) const {
-  assert(x.size() == 3 * size);
-  VecX y = VecX::Zero(3 * size);
-  for (int j = 0; j < size; ++j) {
-    for (int slot = column[j]; slot < column[j + 1]; ++slot) {
-      const int i = row[slot];
-      y.segment<3>(3 * i) += block(slot) * x.segment<3>(3 * j);
-      if (i != j) y.segment<3>(3 * j) += block(slot).transpose() * x.segment<3>(3 * i);
-    }
-  }
-  return y;
-}
+VecX SymmetricBlockMatrix::multiply(const VecX& x) const { return multiplyColumns(x); }
 
 MatX SymmetricBlockMatrix::multiplyColumns(const MatX& x) const {
   assert(x.rows() == 3 * size);

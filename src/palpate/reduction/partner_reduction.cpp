@@ -65,12 +65,18 @@ void addLoads(const BodySystem& system, const NodeSum& sum, const Forces& forces
   }
 }
 
-// J A^-1 J^T over sums of nodes.
-MatX gramOf(BodySystem& system, const std::vector<NodeSum>& sums) {
+// J^T of sums, three columns each.
+MatX loadsOf(const BodySystem& system, const std::vector<NodeSum>& sums) {
   MatX columns = MatX::Zero(unknowns(system.model()), static_cast<Eigen::Index>(3 * sums.size()));
   for (std::size_t k = 0; k < sums.size(); ++k) {
     addLoads(system, sums[k], Mat3(Mat3::Identity()), columns.middleCols<3>(static_cast<Eigen::Index>(3 * k)));
   }
+  return columns;
+}
+
+// J A^-1 J^T over sums of nodes.
+MatX gramOf(BodySystem& system, const std::vector<NodeSum>& sums) {
+  const MatX columns = loadsOf(system, sums);
   MatX half = columns;
   solve(system, half);
   const MatX out = columns.transpose() * half;
@@ -224,43 +230,18 @@ MatX gluedCompliance(World& world, const std::vector<int>& bodies, const std::ve
   return tied(holding(w, own, ties), own);
 }
 
-// Where the ties are among the rows that the step had of the body; none if any is not. Both are in the order of
-// contacts.
+// Of the rows that the step had of the body those that hold; none if any tie is not among them. Both are in the order
+// of contacts.
 std::vector<Eigen::Index> rowsInStep(const BodyContactRows& step, const std::vector<Contact>& contacts,
                                      const std::vector<Tie>& ties) {
   std::vector<Eigen::Index> out;
-  for (std::size_t k = 0; k < step.contacts.size() && out.size() < ties.size(); ++k) {
-    if (contacts[step.contacts[k]] == *ties[out.size()].contact) out.push_back(static_cast<Eigen::Index>(3 * k));
+  auto tie = ties.begin();
+  for (std::size_t k = 0; k < step.contacts.size() && tie != ties.end(); ++k) {
+    if (!(contacts[step.contacts[k]] == *tie->contact)) continue;
+    for (Eigen::Index row = 0; row < tie->rows(); ++row) out.push_back(static_cast<Eigen::Index>(3 * k) + row);
+    ++tie;
   }
-  if (out.size() < ties.size()) out.clear();
-  return out;
-}
-
-// What holding() gives, with the step's Delassus operator for the ties among themselves: by the sums' own columns
-// alone.
-MatX holding(BodySystem& system, const std::vector<NodeSum>& sums, const std::vector<Tie>& ties,
-             const std::vector<NodeSum>& holds, const MatX& delassus, const std::vector<Eigen::Index>& row_of) {
-  const auto own = static_cast<Eigen::Index>(3 * sums.size());
-  MatX columns = MatX::Zero(unknowns(system.model()), own);
-  for (std::size_t k = 0; k < sums.size(); ++k) {
-    addLoads(system, sums[k], Mat3(Mat3::Identity()), columns.middleCols<3>(static_cast<Eigen::Index>(3 * k)));
-  }
-  solve(system, columns);
-  MatX out(own + rowsOf(ties), own + rowsOf(ties));
-  for (std::size_t k = 0; k < sums.size(); ++k) {
-    out.block(static_cast<Eigen::Index>(3 * k), 0, 3, own) = applied(system, sums[k], columns);
-  }
-  Eigen::Index row = own;
-  for (std::size_t i = 0; i < ties.size(); ++i) {
-    const Eigen::Index rows = ties[i].rows();
-    out.block(row, 0, rows, own) = ties[i].axes().transpose() * applied(system, holds[i], columns);
-    Eigen::Index column = own;
-    for (std::size_t j = 0; j <= i; ++j) {
-      out.block(row, column, rows, ties[j].rows()) = delassus.block(row_of[i], row_of[j], rows, ties[j].rows());
-      column += ties[j].rows();
-    }
-    row += rows;
-  }
+  if (tie != ties.end()) out.clear();
   return out;
 }
 
@@ -313,16 +294,11 @@ class Rested {
   void solveAll(MatX& columns) const {
     solve(system(), columns);
     if (!tied_) return;
-    MatX forces(factor_.rows(), columns.cols());  // C A^-1 loads, then S^-1 of that
-    Eigen::Index at = 0;
-    for (std::size_t k = 0; k < ties_.size(); ++k) {
-      forces.middleRows(at, ties_[k].rows()) = ties_[k].axes().transpose() * applied(system(), holds_[k], columns);
-      at += ties_[k].rows();
-    }
+    MatX forces = movedTies(columns);  // C A^-1 loads, then S^-1 of that
     factor_.triangularView<Eigen::Lower>().solveInPlace(forces);
     factor_.triangularView<Eigen::Lower>().transpose().solveInPlace(forces);
     MatX held = MatX::Zero(columns.rows(), columns.cols());  // C^T forces
-    at = 0;
+    Eigen::Index at = 0;
     for (std::size_t k = 0; k < ties_.size(); ++k) {
       addLoads(system(), holds_[k], MatX(ties_[k].axes() * forces.middleRows(at, ties_[k].rows())), held);
       at += ties_[k].rows();
@@ -351,17 +327,37 @@ class Rested {
   }
 
  private:
-  // Of the sums' rows and those that hold; lower triangle.
+  // Of the sums' rows and those that hold; lower triangle. Where many hold it, what the step's Delassus operator has of
+  // them is taken, and only the sums' own columns are solved for.
   MatX wholeGram() const {
-    if (ties_.size() > sums_.size()) {
-      if (const BodyContactRows* step = world_.bodyRows(body_)) {
-        const std::vector<Eigen::Index> row_of = rowsInStep(*step, world_.contacts().contacts, ties_);
-        if (!row_of.empty()) return holding(system(), sums_, ties_, holds_, step->delassus, row_of);
-      }
+    const auto own = static_cast<Eigen::Index>(3 * sums_.size());
+    const BodyContactRows* step = ties_.size() > sums_.size() ? world_.bodyRows(body_) : nullptr;
+    std::vector<Eigen::Index> in_step;
+    if (step != nullptr) in_step = rowsInStep(*step, world_.contacts().contacts, ties_);
+    if (in_step.empty()) {
+      std::vector<NodeSum> rows = sums_;
+      rows.insert(rows.end(), holds_.begin(), holds_.end());
+      return holding(lowerGram(system(), rows), own, ties_);
     }
-    std::vector<NodeSum> rows = sums_;
-    rows.insert(rows.end(), holds_.begin(), holds_.end());
-    return holding(lowerGram(system(), rows), static_cast<Eigen::Index>(3 * sums_.size()), ties_);
+    MatX columns = loadsOf(system(), sums_);
+    solve(system(), columns);
+    const auto held = static_cast<Eigen::Index>(in_step.size());
+    MatX out(own + held, own + held);
+    out.topLeftCorner(own, own) = moved(columns);
+    out.bottomLeftCorner(held, own) = movedTies(columns);
+    out.bottomRightCorner(held, held) = step->delassus(in_step, in_step);
+    return out;
+  }
+
+  // C times columns.
+  MatX movedTies(const MatX& columns) const {
+    MatX out(rowsOf(ties_), columns.cols());
+    Eigen::Index at = 0;
+    for (std::size_t k = 0; k < ties_.size(); ++k) {
+      out.middleRows(at, ties_[k].rows()) = ties_[k].axes().transpose() * applied(system(), holds_[k], columns);
+      at += ties_[k].rows();
+    }
+    return out;
   }
 
   World& world_;
