@@ -19,6 +19,14 @@ class Executor {
   /// Loops are about to come: threads that sleep may get up meanwhile.
   virtual void wake() noexcept {}
 
+  /// Offers a task to a thread that has nothing to do; it may run until ended() or revoked() return. One at a time.
+  /// @returns false: there is no such thread, or there is a task already; the caller keeps it
+  virtual bool offer(void (* /*task*/)(void* what), void* /*what*/) noexcept { return false; }
+  /// Takes the task back. @returns false: a thread is at it or has done it
+  virtual bool revoked() noexcept { return true; }
+  /// Helps with the task's loops until it is done. Rethrows what it threw.
+  virtual void awaitTask() {}
+
   /// That of the calling thread; null: none, or one of its loops is running.
   static Executor* current() noexcept { return current_; }
 
@@ -60,6 +68,42 @@ void parallelFor(int parts, F&& f) {
       parts, [](void* loop, int i) { (*static_cast<Loop*>(loop))(i); },
       const_cast<void*>(static_cast<const void*>(&f)));
 }
+
+/// A task beside what the calling thread does next, on another thread if one is free: it must not touch what that does.
+/// Its loops, and the caller's, are shared out among the threads that are left. Allocates nothing.
+template <class F>
+class Aside {
+ public:
+  explicit Aside(F task) : task_(std::move(task)), executor_(Executor::current()) {
+    offered_ = executor_ != nullptr && executor_->offer([](void* own) { static_cast<Aside*>(own)->task_(); }, this);
+  }
+  /// What is not done by now is not wanted: waits for a thread that is at it.
+  ~Aside() {
+    if (!offered_ || executor_->revoked()) return;
+    try {
+      executor_->awaitTask();
+    } catch (...) {  // as nobody wants the result
+    }
+  }
+  Aside(const Aside&) = delete;
+  Aside& operator=(const Aside&) = delete;
+
+  /// Returns when the task is done, which the calling thread does itself where no other has begun. Rethrows what it
+  /// threw. At most once.
+  void wait() {
+    const bool offered = std::exchange(offered_, false);
+    if (offered && !executor_->revoked()) {
+      executor_->awaitTask();
+    } else {
+      task_();
+    }
+  }
+
+ private:
+  F task_;
+  Executor* executor_;
+  bool offered_ = false;
+};
 
 /// Calls f(begin, end), or f(begin, end, part), for `parts` ranges that make up [0, count), as parallelFor() does.
 template <class F>

@@ -19,12 +19,6 @@ Contact turnedAround(Contact c) {
   return c;
 }
 
-bool alike(const TouchPoint& a, const TouchPoint& b) {
-  if (a.tied || b.tied) return a.tied && b.tied && a.contact.second.body == b.contact.second.body;
-  return a.contact.partner == b.contact.partner && a.internal == b.internal &&
-         a.contact.normal.dot(b.contact.normal) > kAlike;
-}
-
 double pressure(const TouchPoint& p) { return std::max(0.0, p.contact.normal.dot(p.force)); }
 
 // The tool's joints.
@@ -45,84 +39,131 @@ void takeTied(const World& world, const VecX& positions, std::vector<TouchPoint>
 // What is near: thousands where a large tool lies on a plane, so that most are neither read as a whole nor sorted.
 struct Near {
   double gap;
-  std::uint64_t key, track;
-  bool plane;         // of the planes, or of the others
-  std::size_t which;  // of them
-  Vec3 force;         // of the last step [N]
+  std::uint64_t key;
+  int which;        // of the planes, or of the others
+  bool plane;       // of the planes
+  int loaded = -1;  // whose force it has, of the last step's; -1: none
 };
 
 bool nearer(const Near& a, const Near& b) { return std::pair(a.gap, a.key) < std::pair(b.gap, b.key); }
 bool farther(const Near& a, const Near& b) { return nearer(b, a); }
 
-// What is near and what is left of it.
-struct Sorted {
-  std::vector<Near> near;  // by gap: within some reach, and what carries force
-  std::vector<Near> left;  // a heap, the nearest on top
+template <class F>
+void forEachNear(const NearContacts& found, F&& f) {
+  for (std::size_t k = 0; k < found.planes.size(); ++k) {
+    f(Near{found.planes[k].gap, found.planes[k].key, static_cast<int>(k), true});
+  }
+  for (std::size_t k = 0; k < found.others.size(); ++k) {
+    f(Near{found.others[k].gap, found.others[k].key, static_cast<int>(k), false});
+  }
+}
+
+std::uint64_t trackOf(const NearContacts& found, const Near& n) {
+  return n.plane ? n.key : found.others[static_cast<std::size_t>(n.which)].track;
+}
+
+// A few numbers that most of many others are not among.
+class FewNumbers {
+ public:
+  void add(std::uint64_t one) {
+    bits_ |= std::uint64_t{1} << (one & 63);
+    all_.push_back(one);
+  }
+  void close() { std::sort(all_.begin(), all_.end()); }
+  bool has(std::uint64_t one) const {
+    return (bits_ >> (one & 63) & 1) != 0 && std::binary_search(all_.begin(), all_.end(), one);
+  }
+
+ private:
+  std::uint64_t bits_ = 0;  // one that is among them has one of these
+  std::vector<std::uint64_t> all_;
 };
 
 // The forces of the last step on what is near: that of the same features, or of the nearest ones that it may have moved
 // on to. What carries force and is not near is appended, as touching.
-Sorted sortNear(const World& world, double reach, NearContacts& found) {
+// @param reach  within which all is wanted
+// @returns by gap: what is within reach, and what carries force
+std::vector<Near> sortNear(const World& world, double reach, NearContacts& found) {
   const ContactMemory& memory = world.state().contacts;
-  std::vector<std::size_t> loaded;
-  std::vector<std::uint64_t> keys, tracks;
+  std::vector<int> loaded;
+  FewNumbers keys, tracks;
   for (std::size_t k = 0; k < memory.loaded.size(); ++k) {
     const Contact& c = memory.loaded[k];
     if (c.glued() || (c.first.body != world.toolIndex() && c.second.body != world.toolIndex())) continue;
-    loaded.push_back(k);
-    keys.push_back(c.key);
-    tracks.push_back(c.track);
+    loaded.push_back(static_cast<int>(k));
+    keys.add(c.key);
+    tracks.add(c.track);
   }
-  std::sort(keys.begin(), keys.end());
-  std::sort(tracks.begin(), tracks.end());
-  const auto among = [](const std::vector<std::uint64_t>& all, std::uint64_t one) {
-    return std::binary_search(all.begin(), all.end(), one);
-  };
-  Sorted out;
+  keys.close();
+  tracks.close();
+  std::vector<Near> out;
   std::vector<Near> alike;  // of the features or on the way of something that carries force
-  const auto sort = [&](const Near& n) {
-    const bool same = !loaded.empty() && (among(tracks, n.track) || among(keys, n.key));
-    (same ? alike : n.gap < reach ? out.near : out.left).push_back(n);
-  };
-  for (std::size_t k = 0; k < found.planes.size(); ++k) {
-    const VertexNearPlane& v = found.planes[k];
-    sort({v.gap, v.key, v.key, true, k, Vec3::Zero()});
-  }
-  for (std::size_t k = 0; k < found.others.size(); ++k) {
-    const Contact& c = found.others[k];
-    sort({c.gap, c.key, c.track, false, k, Vec3::Zero()});
-  }
+  forEachNear(found, [&](const Near& n) {
+    if (keys.has(n.key) || tracks.has(trackOf(found, n))) {
+      alike.push_back(n);
+    } else if (n.gap < reach) {
+      out.push_back(n);
+    }
+  });
   std::sort(alike.begin(), alike.end(), nearer);
-  std::vector<char> given(alike.size(), 0);
-  const auto give = [&](std::size_t k, auto same) {
-    for (std::size_t i = 0; i < given.size(); ++i) {
-      if (given[i] || !same(alike[i])) continue;
-      given[i] = 1;
-      alike[i].force = memory.loadedForce(k);
+  const auto give = [&](int k, auto same) {
+    for (Near& n : alike) {
+      if (n.loaded >= 0 || !same(n)) continue;
+      n.loaded = k;
       return true;
     }
     return false;
   };
-  std::vector<std::size_t> moved;
-  for (const std::size_t k : loaded) {
-    const std::uint64_t key = memory.loaded[k].key;
+  std::vector<int> moved;
+  for (const int k : loaded) {
+    const std::uint64_t key = memory.loaded[static_cast<std::size_t>(k)].key;
     if (!give(k, [&](const Near& n) { return n.key == key; })) moved.push_back(k);
   }
   std::vector<Near> away;
-  for (const std::size_t k : moved) {
-    const Contact& c = memory.loaded[k];
-    if (give(k, [&](const Near& n) { return n.track == c.track; })) continue;
-    away.push_back({0, c.key, c.track, false, found.others.size(), memory.loadedForce(k)});
-    found.others.push_back(c);
+  for (const int k : moved) {
+    const Contact& c = memory.loaded[static_cast<std::size_t>(k)];
+    if (give(k, [&](const Near& n) { return trackOf(found, n) == c.track; })) continue;
+    away.push_back({0, c.key, static_cast<int>(found.others.size() + away.size()), false, k});
+  }
+  for (const Near& n : alike) {
+    if (n.loaded >= 0 || n.gap < reach) out.push_back(n);
+  }
+  std::sort(out.begin(), out.end(), nearer);
+  for (const Near& n : away) {
+    found.others.push_back(memory.loaded[static_cast<std::size_t>(n.loaded)]);
     found.others.back().gap = 0;
   }
-  for (std::size_t i = 0; i < alike.size(); ++i) {
-    (given[i] || alike[i].gap < reach ? out.near : out.left).push_back(alike[i]);
-  }
-  std::sort(out.near.begin(), out.near.end(), nearer);
-  out.near.insert(out.near.end(), away.begin(), away.end());
-  std::make_heap(out.left.begin(), out.left.end(), farther);
+  out.insert(out.end(), away.begin(), away.end());
   return out;
+}
+
+// What sortNear() left: a heap, the nearest on top.
+std::vector<Near> leftOver(const NearContacts& found, const std::vector<Near>& sorted, double reach) {
+  std::vector<Near> out;
+  std::vector<std::pair<bool, int>> taken;  // beyond reach
+  for (const Near& n : sorted) {
+    if (n.loaded >= 0) taken.emplace_back(n.plane, n.which);
+  }
+  std::sort(taken.begin(), taken.end());
+  forEachNear(found, [&](const Near& n) {
+    if (n.gap >= reach && !std::binary_search(taken.begin(), taken.end(), std::pair(n.plane, n.which)))
+      out.push_back(n);
+  });
+  std::make_heap(out.begin(), out.end(), farther);
+  return out;
+}
+
+// What tells touch points apart, side by side in memory.
+struct Seen {
+  Vec3 place, normal;
+  double pressure, gap;
+  int partner, body;  // of the other side
+  bool internal, tied;
+};
+
+bool alike(const Seen& a, const Seen& b) {
+  if (a.tied || b.tied) return a.tied && b.tied && a.body == b.body;
+  return a.partner == b.partner && a.internal == b.internal && a.normal.dot(b.normal) > kAlike;
 }
 
 // Points from `first` on, in at most so many clusters; see clusterTouchPoints().
@@ -133,36 +174,42 @@ void appendClusters(const std::vector<TouchPoint>& points, int first, int end, i
     for (int i = first; i < end; ++i) out.push_back({{i, 1.0}});
     return;
   }
-  // the first seed carries the most force, or is nearest
-  int seed = first;
-  for (int i = first + 1; i < end; ++i) {
-    const auto rank = [&](int k) { return std::pair(-pressure(points[k]), points[k].gap); };
-    if (!points[i].tied && rank(i) < rank(seed)) seed = i;
+  std::vector<Seen> seen;
+  seen.reserve(static_cast<std::size_t>(n));
+  for (int i = first; i < end; ++i) {
+    const TouchPoint& p = points[i];
+    seen.push_back(
+        {p.place, p.contact.normal, pressure(p), p.gap, p.contact.partner, p.contact.second.body, p.internal, p.tied});
   }
-  const Groups groups = farthestFirst(n, seed - first, most, [&](int i, int j) {
-    const TouchPoint &a = points[first + i], &b = points[first + j];
-    return (a.place - b.place).norm() + (alike(a, b) ? 0.0 : kOtherGroup);
+  // the first seed carries the most force, or is nearest
+  int seed = 0;
+  for (int i = 1; i < n; ++i) {
+    const auto rank = [&](int k) { return std::pair(-seen[k].pressure, seen[k].gap); };
+    if (!seen[i].tied && rank(i) < rank(seed)) seed = i;
+  }
+  const Groups groups = farthestFirst(n, seed, most, [&](int i, int j) {
+    return (seen[i].place - seen[j].place).norm() + (alike(seen[i], seen[j]) ? 0.0 : kOtherGroup);
   });
   for (int g = 0; g < groups.count; ++g) {
     double sum = 0;
     int nearest = -1, count = 0;
-    for (int i = first; i < end; ++i) {
-      if (groups.owner[i - first] != g) continue;
+    for (int i = 0; i < n; ++i) {
+      if (groups.owner[i] != g) continue;
       ++count;
-      sum += pressure(points[i]);
-      if (nearest < 0 || points[i].gap < points[nearest].gap) nearest = i;
+      sum += seen[i].pressure;
+      if (nearest < 0 || seen[i].gap < seen[nearest].gap) nearest = i;
     }
     if (nearest < 0) continue;
     TouchCluster cluster;
-    for (int i = first; i < end; ++i) {
-      if (groups.owner[i - first] != g) continue;
-      if (points[i].tied) {
-        cluster.emplace_back(i, 1.0 / count);
-      } else if (sum > 0 && pressure(points[i]) > 0) {
-        cluster.emplace_back(i, pressure(points[i]) / sum);
+    for (int i = 0; i < n; ++i) {
+      if (groups.owner[i] != g) continue;
+      if (seen[i].tied) {
+        cluster.emplace_back(first + i, 1.0 / count);
+      } else if (sum > 0 && seen[i].pressure > 0) {
+        cluster.emplace_back(first + i, seen[i].pressure / sum);
       }
     }
-    if (cluster.empty()) cluster.emplace_back(nearest, 1.0);
+    if (cluster.empty()) cluster.emplace_back(first + nearest, 1.0);
     out.push_back(std::move(cluster));
   }
 }
@@ -188,7 +235,7 @@ std::vector<TouchPoint> findTouchPoints(World& world, const World::ToolMotion& m
   world.nearSurfaces(motion, ahead, near.others);
   // farther away than that, nothing closes in time that goes on as it moves
   const double closes = 1.001 * (margin + lookahead * (own + fastest));
-  Sorted sorted = sortNear(world, closes, near);
+  const std::vector<Near> sorted = sortNear(world, closes, near);
   const auto speedsOf = [&](int body) -> const VecX& {
     return body == tool ? speeds : world.body(body).state.velocities;
   };
@@ -197,45 +244,51 @@ std::vector<TouchPoint> findTouchPoints(World& world, const World::ToolMotion& m
   const auto room = static_cast<std::size_t>(std::max(0, reach.most));
   std::vector<TouchPoint> out, later;
   takeTied(world, positions, out);
-  const auto takeContact = [&](const Contact& found, const Vec3& force) {
-    if (found.first.body != tool && found.second.body != tool) return;
-    const bool second = found.first.body != tool;
-    const ContactPoint &mine = second ? found.second : found.first, &other = second ? found.first : found.second;
-    const Vec3 normal = second ? Vec3(-found.normal) : found.normal;
-    const bool internal = other.body == tool;
-    double gap = found.gap;
+  const ContactMemory& memory = world.state().contacts;
+  const auto take = [&](const Near& n) {
+    const auto which = static_cast<std::size_t>(n.which);
+    TouchPoint& p = out.emplace_back();
+    if (n.plane) {
+      p.contact = world.planeContact(motion, near.planes[which]);
+    } else {
+      p.contact = near.others[which];
+    }
+    if (n.loaded >= 0) p.force = memory.loadedForce(static_cast<std::size_t>(n.loaded));
+    if (p.contact.first.body != tool && p.contact.second.body != tool) {
+      out.pop_back();
+      return;
+    }
+    if (p.contact.first.body != tool) {
+      p.contact = turnedAround(p.contact);
+      p.force = -p.force;
+    }
+    const ContactPoint &mine = p.contact.first, &other = p.contact.second;
+    p.internal = other.body == tool;
+    p.gap = p.contact.gap;
+    p.place = mine.at(positions);
     Vec3 closing = mine.at(speeds);
     if (other.body >= 0) closing -= other.at(speedsOf(other.body));
     // what carries nothing although it is nearer than contact keeps apart, the step lets be: only a correction counts
-    if (force.isZero(0.0)) {
+    const bool loaded = !p.force.isZero(0.0);
+    if (!loaded) {
       Vec3 way = mine.at(correction);
-      if (internal) way -= other.at(correction);
-      gap -= std::min(0.0, gap - normal.dot(way));
+      if (p.internal) way -= other.at(correction);
+      p.gap -= std::min(0.0, p.gap - p.contact.normal.dot(way));
     }
-    const double then = gap + lookahead * std::min(0.0, normal.dot(closing));
-    const bool soon = then < margin || !force.isZero(0.0);
-    if (!soon && !(then < margin + sudden && later.size() < room)) return;
-    TouchPoint& p = soon ? out.emplace_back() : later.emplace_back();
-    p.contact = second ? turnedAround(found) : found;
-    p.internal = internal;
-    p.gap = gap;
-    p.place = mine.at(positions);
-    p.force = second ? Vec3(-force) : force;
+    const double then = p.gap + lookahead * std::min(0.0, p.contact.normal.dot(closing));
+    if (then < margin || loaded) return;
+    if (then < margin + sudden && later.size() < room) later.push_back(p);
+    out.pop_back();
   };
-  const auto take = [&](const Near& n) {
-    if (n.plane) {
-      takeContact(world.planeContact(motion, near.planes[n.which]), n.force);
-    } else {
-      takeContact(near.others[n.which], n.force);
+  out.reserve(out.size() + sorted.size() + 1);
+  for (const Near& n : sorted) take(n);
+  if (out.size() + later.size() < room) {
+    std::vector<Near> left = leftOver(near, sorted, closes);
+    for (auto end = left.end(); end != left.begin() && out.size() + later.size() < room;) {
+      std::pop_heap(left.begin(), end, farther);
+      --end;
+      take(*end);
     }
-  };
-  out.reserve(out.size() + sorted.near.size());
-  for (const Near& n : sorted.near) take(n);
-  std::vector<Near>& left = sorted.left;
-  for (auto end = left.end(); end != left.begin() && out.size() + later.size() < room;) {
-    std::pop_heap(left.begin(), end, farther);
-    --end;
-    take(*end);
   }
   for (std::size_t k = 0; k < later.size() && out.size() < room; ++k) out.push_back(later[k]);
   return out;

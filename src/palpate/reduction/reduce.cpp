@@ -114,15 +114,45 @@ VecX freeMasses(const BodyModel& tool) {
   return mass;
 }
 
-// Everything in the handle's frame: the elastic forces turn with the tool. The tool's system keeps what the next step
-// can use.
-bool ToolReduction::prepare(World& world, const LiveSettings& settings, const ToolShape& shape, double step) {
-  const Body tool = world.tool();
+namespace {
+
+// All nodes in the handle's frame.
+VecX allPlaces(const Body& tool, const ToolShape& shape) {
   VecX places = tool.model.placesInHandle(tool.state);
   for (int r = 0; r < tool.model.freeNodes(); ++r) {
     places.segment<3>(3 * tool.model.free()[r]) = shape.places.segment<3>(3 * r);
   }
-  return tool.system.prepareFollowing(places, tool.state, horizonOf(settings, step));
+  return places;
+}
+
+}  // namespace
+
+// Everything in the handle's frame: the elastic forces turn with the tool. The tool's system keeps what the next step
+// can use.
+bool ToolReduction::prepare(World& world, const LiveSettings& settings, const ToolShape& shape, double step) {
+  const Body tool = world.tool();
+  return tool.system.prepareFollowing(allPlaces(tool, shape), tool.state, horizonOf(settings, step));
+}
+
+// What the tool touches or soon may.
+std::vector<TouchPoint> ToolReduction::search(World& world, const LiveSettings& settings, const ToolShape& shape) {
+  const ScopedTimer timer(times_.search);
+  const Body tool = world.tool();
+  const Pose& pose = tool.state.handle.pose;
+  const Mat3 rotation = pose.matrix();
+  const Vec6& twist = tool.state.handle.twist;
+  const VecX places = allPlaces(tool, shape);
+  World::ToolMotion motion{VecX(3 * tool.model.nodes()), VecX(3 * tool.model.nodes())};  // in the world
+  for (int i = 0; i < tool.model.nodes(); ++i) {
+    const Vec3 y = places.segment<3>(3 * i);
+    motion.positions.segment<3>(3 * i) = pose.apply(y);
+    Vec3 v = twist.head<3>() + twist.tail<3>().cross(rotation * y);
+    const int row = tool.model.row()[i];
+    if (row >= 0) v += rotation * shape.speeds.segment<3>(3 * row);
+    motion.speeds.segment<3>(3 * i) = v;
+  }
+  const int most = std::clamp(settings.contacts, 0, LiveSize::kContacts);
+  return findTouchPoints(world, motion, {settings.margin, settings.lookahead, most}, near_);
 }
 
 bool ToolReduction::factorize(World& world, const LiveSettings& settings, const Input& input, LiveModel& model) {
@@ -309,28 +339,11 @@ void ToolReduction::addPartners(World& world, const LiveSettings& settings, cons
   }
 }
 
-void ToolReduction::addContacts(World& world, const LiveSettings& settings, const Input& input, LiveBasis& basis,
-                                LiveModel& model) {
+void ToolReduction::addContacts(World& world, const LiveSettings& settings, const Input& input,
+                                const std::vector<TouchPoint>& points, LiveBasis& basis, LiveModel& model) {
   const Body tool = world.tool();
-  const Pose& pose = tool.state.handle.pose;
-  const Mat3 rotation = pose.matrix(), rt = rotation.transpose();
-  const Vec6& twist = tool.state.handle.twist;
-  // in the world, as the touch points need it
-  World::ToolMotion motion{VecX(3 * tool.model.nodes()), VecX(3 * tool.model.nodes())};
-  for (int i = 0; i < tool.model.nodes(); ++i) {
-    const Vec3 y = positions_.segment<3>(3 * i);
-    motion.positions.segment<3>(3 * i) = pose.apply(y);
-    Vec3 v = twist.head<3>() + twist.tail<3>().cross(rotation * y);
-    const int row = tool.model.row()[i];
-    if (row >= 0) v += rotation * input.shape.speeds.segment<3>(3 * row);
-    motion.speeds.segment<3>(3 * i) = v;
-  }
+  const Mat3 rotation = tool.state.handle.pose.matrix(), rt = rotation.transpose();
   const int most = std::clamp(settings.contacts, 0, LiveSize::kContacts);
-  const auto search = [&] {
-    const ScopedTimer timer(times_.search);
-    return findTouchPoints(world, motion, {settings.margin, settings.lookahead, most}, near_);
-  };
-  const std::vector<TouchPoint> points = search();
   const std::vector<BodySupport> supports =
       settings.partner_modes > 0 ? supportsOfTouched(world, points, std::min(most / 2, LiveSize::kSupports))
                                  : std::vector<BodySupport>();
@@ -564,13 +577,17 @@ LiveModel ToolReduction::reduce(World& world, const LiveSettings& settings, cons
   model.beta = material.damping_beta;
   const FrictionCone& cone = world.contact.cone;
   model.facets = cone.exact || cone.facets > LiveModel::kFacets ? 0 : cone.facets;
+  std::vector<TouchPoint> points;
+  Aside searching(
+      [&] { points = search(world, settings, input.shape); });  // surfaces know nothing of the tool's system
   if (!factorize(world, settings, input, model)) {
     model.mass = std::numeric_limits<double>::quiet_NaN();
     return model;
   }
   findToolModes(input, settings.modes, basis, model);
   addInertia(world, input, basis, model);
-  addContacts(world, settings, input, basis, model);
+  searching.wait();
+  addContacts(world, settings, input, points, basis, model);
   addCurvature(world, settings, basis, model);
   return model;
 }

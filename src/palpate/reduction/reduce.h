@@ -58,10 +58,12 @@ class ToolReduction {
   const ReductionTimes& times() const { return times_; }
 
  private:
+  std::vector<TouchPoint> search(World& world, const LiveSettings& settings, const ToolShape& shape);
   bool factorize(World& world, const LiveSettings& settings, const Input& input, LiveModel& model);
   void findToolModes(const Input& input, int most, LiveBasis& basis, LiveModel& model);
   void addInertia(const World& world, const Input& input, const LiveBasis& basis, LiveModel& model);
-  void addContacts(World& world, const LiveSettings& settings, const Input& input, LiveBasis& basis, LiveModel& model);
+  void addContacts(World& world, const LiveSettings& settings, const Input& input,
+                   const std::vector<TouchPoint>& points, LiveBasis& basis, LiveModel& model);
   void addPartners(World& world, const LiveSettings& settings, const Input& input,
                    const std::vector<TouchedBody>& touched, LiveBasis& basis, LiveModel& model, MatX& others);
   void addCurvature(const World& world, const LiveSettings& settings, const LiveBasis& basis, LiveModel& model);

@@ -4,6 +4,8 @@
 #include <chrono>
 #include <cmath>
 
+#include "palpate/common/parallel.h"
+
 namespace palpate {
 
 LockstepRun::LockstepRun(BuiltScene& scene, const RunTiming& timing, const RunSink& sink)
@@ -31,6 +33,11 @@ void LockstepRun::runUntil(std::int64_t end) {
     const double t = static_cast<double>(tick_) * timing_.haptic_step;
     const DeviceState device = scene_.device->sample(t);
     if (tick_ % ticks_per_step_ == 0) visualStepAt(t, device);
+    // so that no thread sleeps when the next step comes, which is soon
+    if (Executor* executor = Executor::current();
+        executor != nullptr && tick_ % ticks_per_step_ == ticks_per_step_ / 2) {
+      executor->wake();
+    }
     while (!arrivals_.empty() && arrivals_.front().tick <= tick_) {
       arrive(arrivals_.front());
       arrivals_.pop_front();

@@ -12,7 +12,7 @@ namespace {
 
 constexpr int kPartBits = 16;
 constexpr std::uint64_t kPartMask = (std::uint64_t{1} << kPartBits) - 1;
-constexpr std::chrono::microseconds kLookout{500};
+constexpr std::chrono::microseconds kLookout{1000};
 
 std::uint64_t nextOf(std::uint64_t ticket) { return ticket & kPartMask; }
 std::uint64_t partsOf(std::uint64_t ticket) { return ticket >> kPartBits & kPartMask; }
@@ -28,6 +28,18 @@ void relax() {
   asm volatile("yield");
 #endif
 }
+
+// Of a thread that waits for one that may not be running, for want of a core.
+class Patience {
+ public:
+  void pass() {
+    relax();
+    if (++passed_ % 1024 == 0) std::this_thread::yield();
+  }
+
+ private:
+  int passed_ = 0;
+};
 
 }  // namespace
 
@@ -49,7 +61,7 @@ int ThreadTeam::suitable() {
 }
 
 // Takes the next part of the ticket's loop, if it has one and is still the present one; brings the ticket up to date.
-bool ThreadTeam::takePart(std::uint64_t& ticket) noexcept {
+bool ThreadTeam::Loops::takePart(std::uint64_t& ticket) noexcept {
   while (nextOf(ticket) < partsOf(ticket)) {
     if (ticket_.compare_exchange_weak(ticket, ticket + 1, std::memory_order_acq_rel, std::memory_order_acquire)) {
       return true;
@@ -58,7 +70,7 @@ bool ThreadTeam::takePart(std::uint64_t& ticket) noexcept {
   return false;
 }
 
-void ThreadTeam::finish(int i) noexcept {
+void ThreadTeam::Loops::finish(int i) noexcept {
   try {
     part_(loop_, i);
   } catch (...) {
@@ -67,49 +79,93 @@ void ThreadTeam::finish(int i) noexcept {
   done_.fetch_add(1, std::memory_order_release);
 }
 
-void ThreadTeam::work() noexcept {
+bool ThreadTeam::Loops::help() noexcept {
+  bool any = false;
   std::uint64_t ticket = ticket_.load(std::memory_order_acquire);
-  for (;;) {
-    while (takePart(ticket)) {
-      finish(static_cast<int>(nextOf(ticket)));
-      ticket = ticket_.load(std::memory_order_acquire);
-    }
-    if (stop_.load(std::memory_order_acquire)) return;
-    const std::uint64_t seen = ticket;
-    const auto until = std::chrono::steady_clock::now() + kLookout;
-    for (int n = 1; (ticket = ticket_.load(std::memory_order_acquire)) == seen; ++n) {
-      relax();
-      if (n % 64 == 0 && std::chrono::steady_clock::now() > until) ticket_.wait(seen, std::memory_order_acquire);
-    }
+  while (takePart(ticket)) {
+    any = true;
+    finish(static_cast<int>(nextOf(ticket)));
+    ticket = ticket_.load(std::memory_order_acquire);
   }
+  return any;
 }
 
-void ThreadTeam::run(int parts, void (*part)(void* loop, int i), void* loop) {
+void ThreadTeam::Loops::run(int parts, void (*part)(void* loop, int i), void* loop) {
   if (parts > kMaxParts) throw RunError("a loop of " + std::to_string(parts) + " parts: too many");
   part_ = part;
   loop_ = loop;
   done_.store(0, std::memory_order_relaxed);
-  std::uint64_t ticket = makeTicket(numberOf(ticket_.load(std::memory_order_relaxed)) + 1, parts);
-  ticket_.store(ticket, std::memory_order_release);
-  if (!workers_.empty()) ticket_.notify_all();
-  while (takePart(ticket)) {
-    finish(static_cast<int>(nextOf(ticket)));
-    ticket = ticket_.load(std::memory_order_acquire);
-  }
+  const std::uint64_t number = numberOf(ticket_.load(std::memory_order_relaxed)) + 1;
+  ticket_.store(makeTicket(number, parts), std::memory_order_release);
+  team_.wake();
+  help();
   // whoever else is at work is so with its last part; one that is not running needs a core
-  for (int n = 1; done_.load(std::memory_order_acquire) != parts; ++n) {
-    relax();
-    if (n % 1024 == 0) std::this_thread::yield();
-  }
+  Patience patience;
+  while (done_.load(std::memory_order_acquire) != parts) patience.pass();
   if (failed_.load(std::memory_order_relaxed)) {
     failed_.store(false, std::memory_order_relaxed);
     std::rethrow_exception(std::exchange(failure_, nullptr));
   }
 }
 
+void ThreadTeam::work() noexcept {
+  for (;;) {
+    const std::uint64_t seen = calls_.load(std::memory_order_acquire);  // first: who calls after it is not missed
+    if (takeTask() || own_.help() || aside_.help()) continue;
+    if (stop_.load(std::memory_order_acquire)) return;
+    const auto until = std::chrono::steady_clock::now() + kLookout;
+    for (int n = 1; calls_.load(std::memory_order_acquire) == seen; ++n) {
+      relax();
+      if (n % 64 == 0 && std::chrono::steady_clock::now() > until) calls_.wait(seen, std::memory_order_acquire);
+    }
+  }
+}
+
 void ThreadTeam::wake() noexcept {
-  ticket_.store(makeTicket(numberOf(ticket_.load(std::memory_order_relaxed)) + 1, 0), std::memory_order_release);
-  ticket_.notify_all();
+  if (workers_.empty()) return;
+  calls_.fetch_add(1, std::memory_order_release);
+  calls_.notify_all();
+}
+
+bool ThreadTeam::offer(void (*task)(void* what), void* what) noexcept {
+  if (workers_.empty() || task_state_.load(std::memory_order_acquire) != Task::none) return false;
+  task_ = task;
+  what_ = what;
+  task_state_.store(Task::offered, std::memory_order_release);
+  wake();
+  return true;
+}
+
+bool ThreadTeam::revoked() noexcept {
+  Task state = Task::offered;
+  return task_state_.compare_exchange_strong(state, Task::none, std::memory_order_acq_rel);
+}
+
+bool ThreadTeam::takeTask() noexcept {
+  Task state = Task::offered;
+  if (task_state_.load(std::memory_order_relaxed) != state ||
+      !task_state_.compare_exchange_strong(state, Task::taken, std::memory_order_acq_rel)) {
+    return false;
+  }
+  try {
+    const ExecutorScope scope(&aside_);
+    task_(what_);
+  } catch (...) {
+    failure_ = std::current_exception();
+  }
+  task_state_.store(Task::done, std::memory_order_release);
+  return true;
+}
+
+void ThreadTeam::awaitTask() {
+  const ExecutorScope within(nullptr);
+  Patience patience;
+  while (task_state_.load(std::memory_order_acquire) != Task::done) {
+    if (!aside_.help()) patience.pass();
+  }
+  const std::exception_ptr failure = std::exchange(failure_, nullptr);
+  task_state_.store(Task::none, std::memory_order_release);
+  if (failure) std::rethrow_exception(failure);
 }
 
 }  // namespace palpate

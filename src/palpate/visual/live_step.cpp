@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "palpate/common/parallel.h"
 #include "palpate/common/scoped_timer.h"
 #include "palpate/math/largest_norm.h"
 
@@ -101,8 +102,8 @@ ToolPath LiveVisual::pathSince(const HandlePath& path) const {
 }
 
 // The last model along the recorded path.
-bool LiveVisual::replayed(const World& world, const HandlePath& path, LiveState& state) {
-  return replay_.replayAll(path.end() - 1, state_.model, tick_, world.gravity, path, state) && isFinite(state);
+bool LiveVisual::replayed(const Vec3& gravity, const HandlePath& path, LiveState& state) {
+  return replay_.replayAll(path.end() - 1, state_.model, tick_, gravity, path, state) && isFinite(state);
 }
 
 // Whether handle, tool and what it touches hardly moved: from 0, all that moves, to 1, all at rest.
@@ -199,20 +200,24 @@ VisualRecord LiveVisual::step(World& world, const HandlePath& path, const Device
   if (state_.ready && !world.tool().system.prepared().ready) {
     ToolReduction::prepare(world, settings_, shiftedShape(world, state_.shift), settings.step);
   }
+  // what the last model does along the path is no matter of the world's
+  LiveState now;
+  bool found = false;
+  double replay = 0;
+  Aside replaying([&] {
+    const ScopedTimer own(replay);
+    found = state_.ready && length <= kLongest * settings.step && replayed(world.gravity, path, now);
+  });
   const int steps = std::clamp(static_cast<int>(std::ceil(length / (1.01 * settings.step))), 1, kMostParts);
   record.step = world.follow(way, length, steps * settings.substeps);
 
   const ScopedTimer timer(record.linearization_s);
+  replaying.wait();
+  const bool known = found && !record.step.failed();
   dampForces(world, length, state_.damped);
   state_.shift.resize(0);
   state_.velocity.resize(0);
   state_.others.clear();
-  LiveState now;
-  double replay = 0;
-  const bool known = state_.ready && !record.step.failed() && length <= kLongest * settings.step && [&] {
-    const ScopedTimer own(replay);
-    return replayed(world, path, now);
-  }();
   if (known && !record.step.corrected) forgetCorrections(world, way);
   const double still = known ? stillness(world, way, now) : 0.0;
   reduce(world, settings_, known ? corrected(world, now) : toolShape(world), still, settings.step, path.end() - 1,

@@ -40,7 +40,7 @@ class LiveVisual {
 
  private:
   ToolPath pathSince(const HandlePath& path) const;
-  bool replayed(const World& world, const HandlePath& path, LiveState& state);
+  bool replayed(const Vec3& gravity, const HandlePath& path, LiveState& state);
   void forgetCorrections(const World& world, const ToolPath& way);
   double stillness(const World& world, const ToolPath& way, const LiveState& replayed) const;
   ToolShape corrected(const World& world, const LiveState& replayed);
