@@ -1,6 +1,7 @@
 #pragma once
 
 #include <algorithm>
+#include <atomic>
 #include <type_traits>
 #include <utility>
 
@@ -26,6 +27,8 @@ class Executor {
   virtual bool revoked() noexcept { return true; }
   /// Helps with the task's loops until it is done. Rethrows what it threw.
   virtual void awaitTask() {}
+  /// For a task that waits for who offered it: parts of his loops if there are some, else a moment's pause.
+  virtual void assist() noexcept {}
 
   /// That of the calling thread; null: none, or one of its loops is running.
   static Executor* current() noexcept { return current_; }
@@ -103,6 +106,34 @@ class Aside {
   F task_;
   Executor* executor_;
   bool offered_ = false;
+};
+
+/// What a task beside a thread waits for before it goes on. The thread must reach it before it waits for the task.
+class Milestone {
+  enum class State { ahead, good, bad };
+
+ public:
+  /// Reaches it with what f returns, or as failed where f throws.
+  template <class F>
+  bool reachBy(F&& f) {
+    struct Reach {
+      std::atomic<State>& state;
+      bool good = false;
+      ~Reach() { state.store(good ? State::good : State::bad, std::memory_order_release); }
+    } reach{state_};
+    return reach.good = f();
+  }
+  /// Helps with the thread's loops meanwhile. @returns whether it was reached well
+  bool await() const noexcept {
+    for (;;) {
+      const State state = state_.load(std::memory_order_acquire);
+      if (state != State::ahead) return state == State::good;
+      if (Executor* executor = Executor::current()) executor->assist();
+    }
+  }
+
+ private:
+  std::atomic<State> state_{State::ahead};
 };
 
 /// Calls f(begin, end), or f(begin, end, part), for `parts` ranges that make up [0, count), as parallelFor() does.

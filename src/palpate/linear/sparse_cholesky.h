@@ -16,8 +16,8 @@ namespace palpate {
 /// Schur complement, and for rows J that act on those nodes only, J A^-1 J^T = Y^T Y with Y = L_cc^-1 J_c^T.
 ///
 /// CHOLMOD finds the ordering and the supernodes; its numeric factorization does the work for large problems, an own
-/// one, which spares its overhead, for small ones (docs/sparse-factorization.md). One thread only; an object must not
-/// be used by two threads at once. The results are the same to the bit on every run on one machine. After analyze() and
+/// one, which spares its overhead, for small ones (docs/sparse-factorization.md). An object must not be used by two
+/// threads at once, but for gram() beside solve(). The results are the same to the bit on every run on one machine. After analyze() and
 /// the first call of each kind, nothing here allocates, except that CHOLMOD's factorization may.
 class SparseCholesky {
  public:

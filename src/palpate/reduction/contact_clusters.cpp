@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <optional>
 #include <utility>
 
 #include "palpate/math/largest_norm.h"
@@ -79,6 +80,26 @@ class FewNumbers {
   std::vector<std::uint64_t> all_;
 };
 
+// Of each tetrahedron's vertices near a plane, which come one after the other, the special ones and the lowest of the
+// others.
+template <class Special>
+void keepLowest(std::vector<VertexNearPlane>& planes, Special special) {
+  auto kept = planes.begin();
+  for (auto at = planes.begin(); at != planes.end();) {
+    const int group = at->group, obstacle = at->obstacle;
+    std::optional<VertexNearPlane> lowest;
+    for (; at != planes.end() && at->group == group && at->obstacle == obstacle; ++at) {
+      if (special(*at)) {
+        *kept++ = *at;
+      } else if (!lowest || at->gap < lowest->gap) {
+        lowest = *at;
+      }
+    }
+    if (lowest) *kept++ = *lowest;
+  }
+  planes.erase(kept, planes.end());
+}
+
 // The forces of the last step on what is near: that of the same features, or of the nearest ones that it may have moved
 // on to. What carries force and is not near is appended, as touching.
 // @param reach  within which all is wanted
@@ -96,6 +117,7 @@ std::vector<Near> sortNear(const World& world, double reach, NearContacts& found
   }
   keys.close();
   tracks.close();
+  keepLowest(found.planes, [&](const VertexNearPlane& v) { return keys.has(v.key) || tracks.has(v.key); });
   std::vector<Near> out;
   std::vector<Near> alike;  // of the features or on the way of something that carries force
   forEachNear(found, [&](const Near& n) {
@@ -216,8 +238,8 @@ void appendClusters(const std::vector<TouchPoint>& points, int first, int end, i
 
 }  // namespace
 
-std::vector<TouchPoint> findTouchPoints(World& world, const World::ToolMotion& motion, const TouchReach& reach,
-                                        NearContacts& near) {
+const std::vector<TouchPoint>& findTouchPoints(World& world, const World::ToolMotion& motion, const TouchReach& reach,
+                                               NearContacts& near) {
   const double margin = reach.margin, lookahead = reach.lookahead;
   const int tool = world.toolIndex();
   const VecX &positions = motion.positions, &speeds = motion.speeds;
@@ -242,7 +264,9 @@ std::vector<TouchPoint> findTouchPoints(World& world, const World::ToolMotion& m
   const VecX correction = positions - world.body(tool).state.positions;
   // what only a sudden start would bring near, as far as there is room: nothing is merged for it
   const auto room = static_cast<std::size_t>(std::max(0, reach.most));
-  std::vector<TouchPoint> out, later;
+  std::vector<TouchPoint>& out = near.points;
+  out.clear();
+  std::vector<TouchPoint> later;
   takeTied(world, positions, out);
   const ContactMemory& memory = world.state().contacts;
   const auto take = [&](const Near& n) {

@@ -33,13 +33,16 @@ struct TouchReach {
 struct NearContacts {
   std::vector<VertexNearPlane> planes;
   std::vector<Contact> others;
+  std::vector<TouchPoint> points;
 };
 
-/// What the tool touches or may touch within reach; what it is glued to comes first.
+/// What the tool touches or may touch within reach; what it is glued to comes first. Of a tetrahedron's vertices near a
+/// plane, which move affinely, those that carry force, and the lowest of the others.
 /// @param tool  where it is now, if that is not where the world's state has it
 /// @param near  scratch, which keeps its memory from call to call
-std::vector<TouchPoint> findTouchPoints(World& world, const World::ToolMotion& tool, const TouchReach& reach,
-                                        NearContacts& near);
+/// @returns its points
+const std::vector<TouchPoint>& findTouchPoints(World& world, const World::ToolMotion& tool, const TouchReach& reach,
+                                               NearContacts& near);
 
 /// At most `most` clusters of like facing and like partner, farthest points first. None is dropped; weights follow the
 /// normal force where there is some, else the nearest point stands for all. Of what is tied all points count alike, in

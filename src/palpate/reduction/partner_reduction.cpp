@@ -415,6 +415,16 @@ struct PartnerMotion {
   VecX places, load, speed;
 };
 
+// Of all nodes.
+VecX placesOf(const Body& body, const BodyCorrection* correction) {
+  VecX x = body.state.positions;
+  if (correction == nullptr) return x;
+  for (int r = 0; r < body.model.freeNodes(); ++r) {
+    x.segment<3>(3 * body.model.free()[r]) += correction->shift.segment<3>(3 * r);
+  }
+  return x;
+}
+
 PartnerMotion motionOf(World& world, int body, const BodyCorrection* correction) {
   const Body partner = world.body(body);
   const BodyModel& model = partner.model;
@@ -426,12 +436,10 @@ PartnerMotion motionOf(World& world, int body, const BodyCorrection* correction)
     if (correction != nullptr) out.speed += correction->velocity;
     return out;
   }
-  VecX x = partner.state.positions;
+  const VecX x = placesOf(partner, correction);
   out.speed.resize(3 * model.freeNodes());
   for (int r = 0; r < model.freeNodes(); ++r) {
-    const int i = model.free()[r];
-    out.speed.segment<3>(3 * r) = partner.state.velocities.segment<3>(3 * i);
-    if (correction != nullptr) x.segment<3>(3 * i) += correction->shift.segment<3>(3 * r);
+    out.speed.segment<3>(3 * r) = partner.state.velocities.segment<3>(3 * model.free()[r]);
   }
   if (correction != nullptr) out.speed += correction->velocity;
   const VecX& forces = partner.system.forcesAhead(x, partner.state);
@@ -487,9 +495,8 @@ PartnerModes takeModes(World& world, int body, const Rested& rested, const Partn
   out.force = modes.shapes.transpose() * load;
   out.speed = modes.shapes.transpose() * rested.momentum(motion.speed);
   out.shape = rested.moved(modes.shapes);
-  for (Eigen::Index k = 0; k < r; ++k) {
-    w -= out.shape.col(k) * out.shape.col(k).transpose() / (modes.squared_frequency[k] + s / e);
-  }
+  const VecX yields = (modes.squared_frequency.array() + s / e).inverse();
+  w -= out.shape * yields.asDiagonal() * out.shape.transpose();
   out.basis = {{modes.shapes, motion.places}, body};
   if (model.isRigid()) {
     out.basis.pose = world.body(body).state.handle.pose;
@@ -556,6 +563,11 @@ std::vector<PartnerSupport> supportsOf(const World& world, int body, int most) {
   }
   for (PartnerSupport& s : out) s.normal.normalize();
   return out;
+}
+
+void forcesOfPartner(World& world, int body, const BodyCorrection* correction) {
+  const Body partner = world.body(body);
+  if (!partner.model.isRigid()) partner.system.forcesAhead(placesOf(partner, correction), partner.state);
 }
 
 PartnerModes reducePartner(World& world, int body, const PartnerInput& input, MatX& out) {

@@ -55,6 +55,9 @@ struct PartnerInput {
   const std::vector<PartnerSupport>* supports = nullptr;  ///< which are among the sums
 };
 
+/// Elastic forces of a body as a correction moves it, which its reduction and its next step ask for; they are kept.
+void forcesOfPartner(World& world, int body, const BodyCorrection* correction);
+
 /// How much another body gives way at the given places over a visual step, W = h' J A^-1 J^T with the factor of its
 /// last step, without what its modes give [m/N]. What else it rests on holds it: its loaded contacts with others than
 /// the tool are tied, by their normals alone where its supports have the friction. Bodies that are glued to it yield

@@ -135,16 +135,16 @@ bool ToolReduction::prepare(World& world, const LiveSettings& settings, const To
 }
 
 // What the tool touches or soon may.
-std::vector<TouchPoint> ToolReduction::search(World& world, const LiveSettings& settings, const ToolShape& shape) {
+const std::vector<TouchPoint>& ToolReduction::search(World& world, const LiveSettings& settings,
+                                                     const ToolShape& shape) {
   const ScopedTimer timer(times_.search);
   const Body tool = world.tool();
   const Pose& pose = tool.state.handle.pose;
   const Mat3 rotation = pose.matrix();
   const Vec6& twist = tool.state.handle.twist;
-  const VecX places = allPlaces(tool, shape);
   World::ToolMotion motion{VecX(3 * tool.model.nodes()), VecX(3 * tool.model.nodes())};  // in the world
   for (int i = 0; i < tool.model.nodes(); ++i) {
-    const Vec3 y = places.segment<3>(3 * i);
+    const Vec3 y = positions_.segment<3>(3 * i);
     motion.positions.segment<3>(3 * i) = pose.apply(y);
     Vec3 v = twist.head<3>() + twist.tail<3>().cross(rotation * y);
     const int row = tool.model.row()[i];
@@ -157,8 +157,8 @@ std::vector<TouchPoint> ToolReduction::search(World& world, const LiveSettings& 
 
 bool ToolReduction::factorize(World& world, const LiveSettings& settings, const Input& input, LiveModel& model) {
   const ScopedTimer timer(times_.factorize);
-  if (!prepare(world, settings, input.shape, input.step)) return false;
   const Body tool = world.tool();
+  if (!tool.system.prepareFollowing(positions_, tool.state, horizonOf(settings, input.step))) return false;
   const Material& material = tool.model.elasticity().material();
   const PreparedFollowing& prepared = tool.system.prepared();
   mass_scale_ = material.massScale(prepared.step);
@@ -166,7 +166,6 @@ bool ToolReduction::factorize(World& world, const LiveSettings& settings, const 
   mass_ = freeMasses(tool.model);
   factor_ = &tool.system.factor();
   matrix_ = &tool.system.matrix();
-  positions_ = prepared.elastic.x;
   model.elastic_energy = prepared.energy;
   forces_ = prepared.elastic.forces;
   elastic_ = {prepared.elastic.rotations, tool.state.elastic.stiffness_scale, {}, prepared.elastic.released};
@@ -294,20 +293,19 @@ std::vector<BodySupport> supportsOfTouched(const World& world, const std::vector
 }  // namespace
 
 // What the touched bodies give way, in the world's frame, and their lowest modes.
-void ToolReduction::addPartners(World& world, const LiveSettings& settings, const Input& input,
-                                const std::vector<TouchedBody>& touched, LiveBasis& basis, LiveModel& model,
-                                MatX& others) {
+void ToolReduction::addPartners(World& world, const LiveSettings& settings, const Input& input, LiveBasis& basis,
+                                LiveModel& model, MatX& others) {
   const ScopedTimer timer(times_.partners);
   const Mat3 rt = world.tool().state.handle.pose.matrix().transpose();
   int left = LiveSize::kPartnerModes;
-  auto waiting = std::count_if(touched.begin(), touched.end(), [](const auto& t) { return !t.sums.empty(); });
+  auto waiting = std::count_if(touched_.begin(), touched_.end(), [](const auto& t) { return !t.sums.empty(); });
   for (int b = 0; b < world.bodies(); ++b) {
-    const std::vector<NodeSum>& own = touched[static_cast<std::size_t>(b)].sums;
+    const std::vector<NodeSum>& own = touched_[static_cast<std::size_t>(b)].sums;
     if (own.empty()) continue;
     model.partners_yield = true;
-    PartnerInput partner{own, touched[static_cast<std::size_t>(b)].loads, correctionOf(input.corrections, b), nullptr,
+    PartnerInput partner{own, touched_[static_cast<std::size_t>(b)].loads, correctionOf(input.corrections, b), nullptr,
                          0};
-    const std::vector<PartnerSupport>& supports = touched[static_cast<std::size_t>(b)].supports;
+    const std::vector<PartnerSupport>& supports = touched_[static_cast<std::size_t>(b)].supports;
     if (!supports.empty()) partner.supports = &supports;
     partner.modes = std::min<int>(settings.partner_modes, left / static_cast<int>(waiting--));
     for (const PartnerBasis& p : input.partners) {
@@ -339,29 +337,29 @@ void ToolReduction::addPartners(World& world, const LiveSettings& settings, cons
   }
 }
 
-void ToolReduction::addContacts(World& world, const LiveSettings& settings, const Input& input,
-                                const std::vector<TouchPoint>& points, LiveBasis& basis, LiveModel& model) {
+// Of the model: the contacts, what they are with, and what they carry. Nothing of what the tool's modes are in.
+void ToolReduction::placeContacts(World& world, const LiveSettings& settings, const Input& input, LiveModel& model) {
+  const std::vector<TouchPoint>& points = search(world, settings, input.shape);
   const Body tool = world.tool();
-  const Mat3 rotation = tool.state.handle.pose.matrix(), rt = rotation.transpose();
+  const Mat3 rt = tool.state.handle.pose.matrix().transpose();
   const int most = std::clamp(settings.contacts, 0, LiveSize::kContacts);
   const std::vector<BodySupport> supports =
       settings.partner_modes > 0 ? supportsOfTouched(world, points, std::min(most / 2, LiveSize::kSupports))
                                  : std::vector<BodySupport>();
   const std::vector<TouchCluster> clusters = clusterTouchPoints(points, most - static_cast<int>(supports.size()));
   const auto m = static_cast<Eigen::Index>(clusters.size() + supports.size());
-  const Eigen::Index r = basis.modes.cols();
   model.contacts = static_cast<int>(m);
   model.arm.setZero(3 * m);
   model.damped_force.setZero(3 * m);
   model.contact_force.setZero(3 * m);
   columns_.clear();
-  std::vector<TouchedBody> partners(static_cast<std::size_t>(world.bodies()));
-  VecX loads = VecX::Zero(3 * tool.model.freeNodes());  // of contact as it is
-  RowVector merged = RowVector::Zero(3 * m);            // the same as the model has it
+  touched_.assign(static_cast<std::size_t>(world.bodies()), {});
+  loads_.setZero(3 * tool.model.freeNodes());
+  merged_.setZero(3 * m);
   const auto addLoad = [&](const ContactPoint& point, const Vec3& force) {
     for (int k = 0; k < point.count; ++k) {
       const int row = tool.model.row()[point.node[k]];
-      if (row >= 0) loads.segment<3>(3 * row) += point.weight[k] * force;
+      if (row >= 0) loads_.segment<3>(3 * row) += point.weight[k] * force;
       model.torque += point.weight[k] * Vec3(positions_.segment<3>(3 * point.node[k])).cross(force);
     }
   };
@@ -375,7 +373,7 @@ void ToolReduction::addContacts(World& world, const LiveSettings& settings, cons
     for (int k = 0; k < p.contact.second.count; ++k) {
       sum.nodes.emplace_back(p.contact.second.node[k], -p.contact.second.weight[k]);
     }
-    partners[static_cast<std::size_t>(p.contact.second.body)].loads.emplace_back(std::move(sum), force);
+    touched_[static_cast<std::size_t>(p.contact.second.body)].loads.emplace_back(std::move(sum), force);
   };
   for (std::size_t g = 0; g < clusters.size(); ++g) {
     const auto at = static_cast<Eigen::Index>(3 * g);
@@ -430,14 +428,14 @@ void ToolReduction::addContacts(World& world, const LiveSettings& settings, cons
     }
     // bent planes know better than the step, whose forces are those of facets; but model and step are to rest alike
     const double known = surface.bend.isZero(0.0) ? 1.0 : input.still;
-    merged.segment<3>(at) = known * model.contact_force.segment<3>(at);
+    merged_.segment<3>(at) = known * model.contact_force.segment<3>(at);
     for (const auto& [index, weight] : clusters[g]) addLoads(points[static_cast<std::size_t>(index)], known);
     if (first.internal) {
       surface.kind = LiveSurface::Kind::internal;
       surface.normal = (rt * surface.normal).eval();
       surface.offset = surface.normal.dot(model.arm.segment<3>(at)) - first.gap;
     } else if (first.contact.second.body >= 0) {
-      partners[static_cast<std::size_t>(first.contact.second.body)].sums.push_back(std::move(partner));
+      touched_[static_cast<std::size_t>(first.contact.second.body)].sums.push_back(std::move(partner));
     }
   }
   for (std::size_t k = 0; k < supports.size(); ++k) {
@@ -452,31 +450,40 @@ void ToolReduction::addContacts(World& world, const LiveSettings& settings, cons
     model.friction[g] = support.friction;
     model.contact_force.segment<3>(at) = model.damped_force.segment<3>(at) = rt * support.force;
     columns_.close();  // nothing of the tool
-    partners[static_cast<std::size_t>(body)].sums.push_back({static_cast<int>(at), support.nodes});
-    partners[static_cast<std::size_t>(body)].supports.push_back(support);
+    touched_[static_cast<std::size_t>(body)].sums.push_back({static_cast<int>(at), support.nodes});
+    touched_[static_cast<std::size_t>(body)].supports.push_back(support);
   }
   model.supports = static_cast<int>(supports.size());
   model.bearing.setZero(model.supports, 3 * m);
+}
+
+// What contacts do to the tool and to the bodies that it touches.
+void ToolReduction::addCompliance(World& world, const LiveSettings& settings, const Input& input, LiveBasis& basis,
+                                  LiveModel& model) {
+  const Body tool = world.tool();
+  const Eigen::Index m = model.contacts, r = basis.modes.cols();
   model.shape = atContacts(basis.modes);
   // what the merged contacts' forces leave out of those that they stand for
-  model.force += basis.modes.transpose() * loads - model.shape.transpose() * merged;
+  model.force += basis.modes.transpose() * loads_ - model.shape.transpose() * merged_;
   for (Eigen::Index i = 0; i < m; ++i) {
-    model.torque -= Vec3(model.arm.segment<3>(3 * i)).cross(Vec3(merged.segment<3>(3 * i)));
+    model.torque -= Vec3(model.arm.segment<3>(3 * i)).cross(Vec3(merged_.segment<3>(3 * i)));
   }
-  MatX w(3 * m, 3 * m);
-  w.setZero();
-  if (m > 0 && tool.model.freeNodes() > 0) factor_->gram(columns_, w);
-  w = e_ * MatX(w.selfadjointView<Eigen::Lower>());
-  for (Eigen::Index k = 0; k < r; ++k) {
-    w -= model.shape.col(k) * model.shape.col(k).transpose() / (model.squared_frequency[k] + mass_scale_ / e_);
+  MatX w = e_ * MatX(gram_.selfadjointView<Eigen::Lower>());
+  if (r > 0) {
+    const MatX shape = model.shape;
+    const VecX yields = (model.squared_frequency.array() + mass_scale_ / e_).inverse();
+    w -= shape * yields.asDiagonal() * shape.transpose();
   }
   model.tool_compliance = w;
   model.partners_yield = false;
   MatX others = MatX::Zero(3 * m, 3 * m);
-  addPartners(world, settings, input, partners, basis, model, others);
-  for (Eigen::Index i = 0; i < m; ++i) {
-    for (Eigen::Index j = 0; j < m; ++j) {
-      w.block<3, 3>(3 * i, 3 * j) += rt * others.block<3, 3>(3 * i, 3 * j) * rotation;
+  addPartners(world, settings, input, basis, model, others);
+  if (model.partners_yield) {
+    const Mat3 rotation = tool.state.handle.pose.matrix(), rt = rotation.transpose();
+    for (Eigen::Index i = 0; i < m; ++i) {
+      for (Eigen::Index j = 0; j < m; ++j) {
+        w.block<3, 3>(3 * i, 3 * j) += rt * others.block<3, 3>(3 * i, 3 * j) * rotation;
+      }
     }
   }
   model.compliance = 0.5 * (w + w.transpose());
@@ -500,7 +507,7 @@ MatX ToolReduction::atContacts(const MatX& field) const {
 }
 
 // Second differences of the elastic forces along pairs of modes, free rows; handle's frame.
-MatX ToolReduction::secondDifferences(const BodyModel& tool, const LiveBasis& basis, int count) const {
+const MatX& ToolReduction::secondDifferences(const BodyModel& tool, const LiveBasis& basis, int count) {
   constexpr double kAmplitude = 3e-4;  // [m], of the node that a mode moves most
   const ElasticMesh& fem = tool.elasticity();
   // f(y + d) + f(y - d) - 2 f(y) of the free rows
@@ -529,7 +536,8 @@ MatX ToolReduction::secondDifferences(const BodyModel& tool, const LiveBasis& ba
     way.push_back(scale.back() * basis.modes.col(i));
     for (int j = i; j < count; ++j) pairs.emplace_back(i, j);
   }
-  MatX out(basis.modes.rows(), static_cast<Eigen::Index>(pairs.size()));
+  MatX& out = second_;
+  out.resize(basis.modes.rows(), static_cast<Eigen::Index>(pairs.size()));
   parallelFor(static_cast<int>(pairs.size()), [&](int c) {
     const auto [i, j] = pairs[static_cast<std::size_t>(c)];
     out.col(c) = bend(i == j ? way[i] : VecX(way[i] + way[j]));
@@ -547,15 +555,12 @@ MatX ToolReduction::secondDifferences(const BodyModel& tool, const LiveBasis& ba
   return out;
 }
 
-void ToolReduction::addCurvature(const World& world, const LiveSettings& settings, const LiveBasis& basis,
-                                 LiveModel& model) {
-  const int count = std::min({settings.second_order, LiveSize::kSecond, static_cast<int>(basis.modes.cols())});
-  model.second = model.contacts > 0 ? std::max(count, 0) : 0;
+void ToolReduction::addCurvature(const World& world, const LiveBasis& basis, LiveModel& model) {
   if (model.second == 0) {
     model.curvature.resize(3 * model.contacts, 0);
     return;
   }
-  const MatX forces = secondDifferences(world.tool().model, basis, model.second);
+  const MatX& forces = touches_ ? second_ : secondDifferences(world.tool().model, basis, model.second);
   MatX response = forces;
   factor_->solve(response);
   response *= e_;
@@ -577,18 +582,34 @@ LiveModel ToolReduction::reduce(World& world, const LiveSettings& settings, cons
   model.beta = material.damping_beta;
   const FrictionCone& cone = world.contact.cone;
   model.facets = cone.exact || cone.facets > LiveModel::kFacets ? 0 : cone.facets;
-  std::vector<TouchPoint> points;
-  Aside searching(
-      [&] { points = search(world, settings, input.shape); });  // surfaces know nothing of the tool's system
-  if (!factorize(world, settings, input, model)) {
+  positions_ = allPlaces(tool, input.shape);
+  Milestone factored;
+  Aside placing([&] {
+    placeContacts(world, settings, input, model);  // surfaces know nothing of the tool's system
+    if (!factored.await()) return;
+    gram_.setZero(3 * model.contacts, 3 * model.contacts);
+    if (model.contacts > 0 && tool.model.freeNodes() > 0) factor_->gram(columns_, gram_);
+  });
+  const bool ready = factored.reachBy([&] { return factorize(world, settings, input, model); });
+  if (ready) {
+    findToolModes(input, settings.modes, basis, model);
+    addInertia(world, input, basis, model);
+    model.second =
+        std::max(0, std::min({settings.second_order, LiveSize::kSecond, static_cast<int>(basis.modes.cols())}));
+    if (touches_ && model.second > 0) secondDifferences(tool.model, basis, model.second);
+    // those of what it touched are asked for now or by the next step
+    for (const PartnerBasis& p : input.partners)
+      forcesOfPartner(world, p.body, correctionOf(input.corrections, p.body));
+  }
+  placing.wait();
+  if (!ready) {
     model.mass = std::numeric_limits<double>::quiet_NaN();
     return model;
   }
-  findToolModes(input, settings.modes, basis, model);
-  addInertia(world, input, basis, model);
-  searching.wait();
-  addContacts(world, settings, input, points, basis, model);
-  addCurvature(world, settings, basis, model);
+  if (model.contacts == 0) model.second = 0;
+  addCompliance(world, settings, input, basis, model);
+  addCurvature(world, basis, model);
+  touches_ = model.contacts > 0;
   return model;
 }
 

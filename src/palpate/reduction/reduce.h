@@ -58,27 +58,34 @@ class ToolReduction {
   const ReductionTimes& times() const { return times_; }
 
  private:
-  std::vector<TouchPoint> search(World& world, const LiveSettings& settings, const ToolShape& shape);
+  const std::vector<TouchPoint>& search(World& world, const LiveSettings& settings, const ToolShape& shape);
+  void placeContacts(World& world, const LiveSettings& settings, const Input& input, LiveModel& model);
   bool factorize(World& world, const LiveSettings& settings, const Input& input, LiveModel& model);
   void findToolModes(const Input& input, int most, LiveBasis& basis, LiveModel& model);
   void addInertia(const World& world, const Input& input, const LiveBasis& basis, LiveModel& model);
-  void addContacts(World& world, const LiveSettings& settings, const Input& input,
-                   const std::vector<TouchPoint>& points, LiveBasis& basis, LiveModel& model);
-  void addPartners(World& world, const LiveSettings& settings, const Input& input,
-                   const std::vector<TouchedBody>& touched, LiveBasis& basis, LiveModel& model, MatX& others);
-  void addCurvature(const World& world, const LiveSettings& settings, const LiveBasis& basis, LiveModel& model);
+  void addCompliance(World& world, const LiveSettings& settings, const Input& input, LiveBasis& basis,
+                     LiveModel& model);
+  void addPartners(World& world, const LiveSettings& settings, const Input& input, LiveBasis& basis, LiveModel& model,
+                   MatX& others);
+  void addCurvature(const World& world, const LiveBasis& basis, LiveModel& model);
   MatX atContacts(const MatX& field) const;
-  MatX secondDifferences(const BodyModel& tool, const LiveBasis& basis, int count) const;
+  const MatX& secondDifferences(const BodyModel& tool, const LiveBasis& basis, int count);
 
   SparseCholesky* factor_ = nullptr;  // of A_H = mass_scale_ M + e_ K, the tool's
   const SymmetricBlockMatrix* matrix_ = nullptr;
   double mass_scale_ = 1, e_ = 0;
   ElasticState elastic_;
-  VecX positions_;        // all nodes, handle's frame: R^T (x - p)
-  VecX mass_;             // of each free row
-  VecX forces_;           // elastic, handle's frame, all nodes
-  BlockColumns columns_;  // J^T, handle's frame, by the free nodes that it acts on
+  VecX positions_;  // all nodes, handle's frame: R^T (x - p)
+  VecX mass_;       // of each free row
+  VecX forces_;     // elastic, handle's frame, all nodes
+  MatX second_;     // differences of the elastic forces
   NearContacts near_;
+  BlockColumns columns_;              // J^T, handle's frame, by the free nodes that it acts on
+  MatX gram_;                         // J A_H^-1 J^T, lower triangle
+  VecX loads_;                        // of contact as it is, free rows
+  RowVector merged_;                  // the same as the model has it
+  std::vector<TouchedBody> touched_;  // of each body
+  bool touches_ = true;               // the last model had contacts
   ReductionTimes times_;
 };
 

@@ -30,16 +30,10 @@ void relax() {
 }
 
 // Of a thread that waits for one that may not be running, for want of a core.
-class Patience {
- public:
-  void pass() {
-    relax();
-    if (++passed_ % 1024 == 0) std::this_thread::yield();
-  }
-
- private:
-  int passed_ = 0;
-};
+void pass(int& pauses) {
+  relax();
+  if (++pauses % 1024 == 0) std::this_thread::yield();
+}
 
 }  // namespace
 
@@ -100,12 +94,17 @@ void ThreadTeam::Loops::run(int parts, void (*part)(void* loop, int i), void* lo
   team_.wake();
   help();
   // whoever else is at work is so with its last part; one that is not running needs a core
-  Patience patience;
-  while (done_.load(std::memory_order_acquire) != parts) patience.pass();
+  for (int n = 0; done_.load(std::memory_order_acquire) != parts;) pass(n);
   if (failed_.load(std::memory_order_relaxed)) {
     failed_.store(false, std::memory_order_relaxed);
     std::rethrow_exception(std::exchange(failure_, nullptr));
   }
+}
+
+// Of the task: it is the asking thread's loops that it helps with.
+void ThreadTeam::Loops::assist() noexcept {
+  const ExecutorScope within(nullptr);
+  if (!team_.own_.help()) pass(pauses_);
 }
 
 void ThreadTeam::work() noexcept {
@@ -159,9 +158,8 @@ bool ThreadTeam::takeTask() noexcept {
 
 void ThreadTeam::awaitTask() {
   const ExecutorScope within(nullptr);
-  Patience patience;
-  while (task_state_.load(std::memory_order_acquire) != Task::done) {
-    if (!aside_.help()) patience.pass();
+  for (int n = 0; task_state_.load(std::memory_order_acquire) != Task::done;) {
+    if (!aside_.help()) pass(n);
   }
   const std::exception_ptr failure = std::exchange(failure_, nullptr);
   task_state_.store(Task::none, std::memory_order_release);

@@ -41,6 +41,7 @@ class ThreadTeam : public Executor {
     explicit Loops(ThreadTeam& team) : team_(team) {}
     int threads() const override { return team_.threads(); }
     void run(int parts, void (*part)(void* loop, int i), void* loop) override;
+    void assist() noexcept override;
     // Takes parts as long as there are some. @returns whether there was one
     bool help() noexcept;
 
@@ -57,6 +58,7 @@ class ThreadTeam : public Executor {
     void (*part_)(void*, int) = nullptr;
     void* loop_ = nullptr;
     std::exception_ptr failure_;
+    int pauses_ = 0;
   };
   enum class Task { none, offered, taken, done };
 
