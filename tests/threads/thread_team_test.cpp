@@ -153,6 +153,150 @@ TEST_P(Teams, RethrowsAndGoesOn) {
   EXPECT_THROW(parallelFor(ThreadTeam::kMaxParts + 1, [](int) {}), RunError);
 }
 
+TEST(Aside, WithoutExecutorRunsWhenItIsWaitedFor) {
+  int runs = 0;
+  {
+    const Aside unwanted([&] { ++runs; });
+  }
+  EXPECT_EQ(runs, 0);
+  Aside wanted([&] { ++runs; });
+  EXPECT_EQ(runs, 0);
+  wanted.wait();
+  EXPECT_EQ(runs, 1);
+}
+
+TEST_P(Teams, ATaskAndTheLoopsBesideItRunOnce) {
+  ThreadTeam team(GetParam());
+  const ExecutorScope scope(&team);
+  for (int round = 0; round < 3000; ++round) {
+    std::vector<int> own(20, 0), others(20, 0);
+    int runs = 0;
+    Aside task([&] {
+      for (int k = 0; k < 3; ++k) parallelFor(20, [&](int i) { ++others[static_cast<std::size_t>(i)]; });
+      ++runs;
+    });
+    for (int k = 0; k < 3; ++k) parallelFor(20, [&](int i) { ++own[static_cast<std::size_t>(i)]; });
+    task.wait();
+    ASSERT_EQ(runs, 1);
+    ASSERT_EQ(own, std::vector<int>(20, 3));
+    ASSERT_EQ(others, std::vector<int>(20, 3));
+    ASSERT_EQ(Executor::current(), &team);
+  }
+}
+
+TEST_P(Teams, ATaskIsBegunByWhoIsFree) {
+  ThreadTeam team(GetParam());
+  const ExecutorScope scope(&team);
+  for (const bool asleep : {false, true}) {
+    if (asleep) std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    std::atomic<bool> begun{false};
+    std::thread::id who;
+    Aside task([&] {
+      who = std::this_thread::get_id();
+      begun = true;
+    });
+    for (int k = 0; GetParam() > 1 && !begun && k < 10000; ++k) {
+      std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    }
+    EXPECT_EQ(begun, GetParam() > 1);
+    task.wait();
+    EXPECT_EQ(who == std::this_thread::get_id(), GetParam() == 1);
+  }
+}
+
+// The second is the caller's.
+TEST_P(Teams, OneTaskAtATime) {
+  ThreadTeam team(GetParam());
+  const ExecutorScope scope(&team);
+  for (int round = 0; round < 500; ++round) {
+    std::atomic<int> runs{0};
+    std::thread::id who;
+    {
+      Aside first([&] { ++runs; });
+      Aside second([&] {
+        ++runs;
+        who = std::this_thread::get_id();
+      });
+      second.wait();
+      first.wait();
+    }
+    ASSERT_EQ(runs, 2);
+    ASSERT_EQ(who, std::this_thread::get_id());
+  }
+}
+
+TEST_P(Teams, WhatATaskThrowsReachesWhoWaits) {
+  ThreadTeam team(GetParam());
+  const ExecutorScope scope(&team);
+  for (int round = 0; round < 200; ++round) {
+    Aside bad([] { throw std::runtime_error("task"); });
+    parallelFor(4, [](int) {});
+    EXPECT_THROW(bad.wait(), std::runtime_error);
+    {
+      const Aside unwanted([] { throw std::runtime_error("nobody's"); });
+    }
+    int runs = 0;
+    Aside good([&] { ++runs; });
+    EXPECT_NO_THROW(good.wait());
+    EXPECT_EQ(runs, 1);
+  }
+}
+
+// What it works on may be gone.
+TEST_P(Teams, ATaskThatNobodyWaitsForIsOverWithItsOwner) {
+  ThreadTeam team(GetParam());
+  const ExecutorScope scope(&team);
+  for (int round = 0; round < 500; ++round) {
+    std::atomic<bool> alive{true}, wrong{false};
+    try {
+      const Aside task([&] {
+        for (int k = 0; k < 50; ++k) wrong = wrong || !alive;
+      });
+      if (round % 2 == 0) throw std::runtime_error("the caller's");
+    } catch (const std::runtime_error&) {
+    }
+    alive = false;
+    EXPECT_FALSE(wrong);
+  }
+}
+
+// It helps with the loops that lead there.
+TEST_P(Teams, ATaskWaitsForAMilestone) {
+  ThreadTeam team(GetParam());
+  const ExecutorScope scope(&team);
+  for (int round = 0; round < 2000; ++round) {
+    std::vector<int> made(30, 0);
+    Milestone milestone;
+    int seen = -1;
+    bool good = false;
+    Aside task([&] {
+      good = milestone.await();
+      seen = std::accumulate(made.begin(), made.end(), 0);
+    });
+    const bool reached = milestone.reachBy([&] {
+      for (int k = 0; k < 3; ++k) parallelFor(30, [&](int i) { ++made[static_cast<std::size_t>(i)]; });
+      return round % 2 == 0;
+    });
+    task.wait();
+    ASSERT_EQ(reached, round % 2 == 0);
+    ASSERT_EQ(good, reached);
+    ASSERT_EQ(seen, 90);
+  }
+}
+
+TEST_P(Teams, AMilestoneThatIsMissedIsNoHang) {
+  ThreadTeam team(GetParam());
+  const ExecutorScope scope(&team);
+  for (int round = 0; round < 200; ++round) {
+    Milestone milestone;
+    bool good = true;
+    Aside task([&] { good = milestone.await(); });
+    EXPECT_THROW(milestone.reachBy([]() -> bool { throw std::runtime_error("on the way"); }), std::runtime_error);
+    task.wait();
+    EXPECT_FALSE(good);
+  }
+}
+
 // As the loops of an interactive run do: the page's thread steps while the visual loop stands still.
 TEST_P(Teams, ServesOneThreadAfterTheOther) {
   ThreadTeam team(GetParam());

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "palpate/threads/thread_team.h"
+#include "palpate/visual/live_step.h"
 #include "shared/contact_scenes.h"
 
 namespace palpate {
@@ -27,14 +28,18 @@ Scene plate() { return {plateOverBlock(14, 12.4), Vec3(0.02, 0.01, -0.02), 6}; }
 Scene blocks() { return {slidingBlocks(5, 3), Vec3::Zero(), 8}; }
 
 // With fine surfaces, one pressed on the other; both may touch themselves.
-Scene balls() {
+Scene ballsOf(double lower_handle) {
   EmbedOptions options;
   options.target_tetrahedra = 300;
   BallOptions pressed;
   pressed.offset += Vec3(0.004, 0.002, 0);
   pressed.self_contact = true;
+  pressed.lower_handle = lower_handle;
   return {ballOverBall(embedSurface(ballSurface(0.006), options), pressed), Vec3(0.05, 0, -0.15), 8};
 }
+
+Scene balls() { return ballsOf(0); }
+Scene ballOverHeavyBall() { return ballsOf(20); }
 
 struct Outcome {
   std::vector<VecX> positions, velocities;
@@ -83,6 +88,70 @@ void expectSame(Scene (*make)(), int least_contacts) {
 TEST(ThreadedStep, ManyCoupledContactsAreTheSame) { expectSame(plate, 150); }
 TEST(ThreadedStep, IslandsAreTheSame) { expectSame(blocks, 30); }
 TEST(ThreadedStep, ContactOfSurfacesIsTheSame) { expectSame(balls, 3); }
+
+// What method `live` does beside the world's step and beside its factorization as well.
+std::vector<LiveModel> modelsOf(Scene scene, int steps, int threads) {
+  constexpr double kTick = 0.001;
+  std::optional<ThreadTeam> team;
+  if (threads > 0) team.emplace(threads);
+  const ExecutorScope scope(team ? &*team : nullptr);
+  LiveSettings settings;
+  settings.second_order = 2;
+  LiveVisual live(settings, kTick);
+  World& world = scene.world;
+  DeviceTarget device;
+  device.pose = world.tool().state.handle.pose;
+  device.twist.head<3>() = scene.hand;
+  EXPECT_FALSE(world.evaluate(device, kStep).failed());
+  HandlePath path;
+  PathPoint point{0, device.pose, device.twist};
+  path.add(point);
+  live.begin(world, kStep, 0, 0.0);
+  std::vector<LiveModel> out;
+  VisualStepSettings step;
+  step.step = kStep;
+  for (int n = 0; n < steps; ++n) {
+    for (int k = 0; k < 33; ++k) {
+      ++point.index;
+      point.pose.position += kTick * scene.hand;
+      path.add(point);
+    }
+    device.pose = point.pose;
+    const VisualRecord record = live.step(world, path, device, step, (n + 1) * kStep, {});
+    EXPECT_NE(record.step.status, StepStatus::restored);
+    out.push_back(live.model());
+  }
+  return out;
+}
+
+void expectSameModels(Scene (*make)(), int steps, int least_contacts) {
+  const std::vector<LiveModel> alone = modelsOf(make(), steps, 0);
+  int most = 0;
+  for (const LiveModel& model : alone) {
+    most = std::max(most, model.contacts);
+  }
+  EXPECT_GE(most, least_contacts);
+  for (const int threads : {1, 2, 3}) {
+    const std::vector<LiveModel> together = modelsOf(make(), steps, threads);
+    for (std::size_t n = 0; n < alone.size(); ++n) {
+      const LiveModel &a = alone[n], &b = together[n];
+      ASSERT_EQ(a.contacts, b.contacts) << threads << " threads, step " << n;
+      ASSERT_EQ(a.modes(), b.modes()) << threads << " threads, step " << n;
+      EXPECT_TRUE(a.squared_frequency == b.squared_frequency) << threads << " threads, step " << n;
+      EXPECT_TRUE(a.compliance == b.compliance) << threads << " threads, step " << n;
+      EXPECT_TRUE(a.shape == b.shape) << threads << " threads, step " << n;
+      EXPECT_TRUE(a.curvature == b.curvature) << threads << " threads, step " << n;
+      EXPECT_TRUE(a.arm == b.arm && a.torque == b.torque) << threads << " threads, step " << n;
+      EXPECT_TRUE(a.force == b.force && a.speed == b.speed) << threads << " threads, step " << n;
+      EXPECT_TRUE(a.contact_force == b.contact_force) << threads << " threads, step " << n;
+    }
+  }
+}
+
+TEST(ThreadedStep, TheLiveModelIsTheSame) {
+  expectSameModels(plate, 2, 8);
+  expectSameModels(ballOverHeavyBall, 5, 3);
+}
 
 }  // namespace
 }  // namespace palpate
