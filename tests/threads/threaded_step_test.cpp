@@ -1,7 +1,9 @@
 // A visual step on several threads: the same as on one, to the last bit, and without races (ThreadSanitizer).
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <optional>
+#include <thread>
 #include <vector>
 
 #include "palpate/threads/thread_team.h"
@@ -145,6 +147,38 @@ void expectSameModels(Scene (*make)(), int steps, int least_contacts) {
       EXPECT_TRUE(a.force == b.force && a.speed == b.speed) << threads << " threads, step " << n;
       EXPECT_TRUE(a.contact_force == b.contact_force) << threads << " threads, step " << n;
     }
+  }
+}
+
+// As a live model is made: the one by a task, the other by who offered it.
+TEST(ThreadedStep, AFactorFormsGramMatricesWhileItSolves) {
+  World world = plate().world;
+  DeviceTarget device;
+  device.pose = world.tool().state.handle.pose;
+  ASSERT_FALSE(world.evaluate(device, kStep).failed());
+  const Body tool = world.tool();
+  SparseCholesky& factor = tool.system.factor();
+  const int n = tool.model.freeNodes();
+  BlockColumns columns;
+  for (int k = 0; k < 12; ++k) {
+    columns.add(k * n / 12, Mat3::Identity());
+    columns.close();
+  }
+  const MatX loads = MatX::NullaryExpr(
+      3 * n, 20, [](Eigen::Index i, Eigen::Index j) { return std::sin(static_cast<double>(i + 7 * j)); });
+  MatX gram, solution = loads;
+  factor.gram(columns, gram);
+  factor.solve(solution);
+  for (int round = 0; round < 20; ++round) {
+    MatX other;
+    std::thread beside([&] { factor.gram(columns, other); });
+    MatX again = loads;
+    factor.solve(again);
+    factor.solve(again.col(0));
+    factor.solve(again.leftCols(2));
+    beside.join();
+    EXPECT_TRUE(MatX(other.triangularView<Eigen::Lower>()) == MatX(gram.triangularView<Eigen::Lower>()));
+    EXPECT_TRUE(again.rightCols(18) == solution.rightCols(18));
   }
 }
 

@@ -17,8 +17,8 @@ namespace palpate {
 ///
 /// CHOLMOD finds the ordering and the supernodes; its numeric factorization does the work for large problems, an own
 /// one, which spares its overhead, for small ones (docs/sparse-factorization.md). An object must not be used by two
-/// threads at once, but for gram() beside solve(). The results are the same to the bit on every run on one machine. After analyze() and
-/// the first call of each kind, nothing here allocates, except that CHOLMOD's factorization may.
+/// threads at once, but for gram() beside solve(). The results are the same to the bit on every run on one machine.
+/// After analyze() and the first call of each kind, nothing here allocates, except that CHOLMOD's factorization may.
 class SparseCholesky {
  public:
   /// Which code does the numeric factorization; `automatic` chooses by the number of operations.
