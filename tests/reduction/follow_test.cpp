@@ -1,6 +1,9 @@
 // A handle that follows a path: World::follow().
 #include <gtest/gtest.h>
 
+#include <cmath>
+#include <numbers>
+
 #include "palpate/math/rotation.h"
 #include "shared/held_scenes.h"
 #include "shared/pair_scenes.h"
@@ -85,6 +88,24 @@ TEST(Follow, LiftingMakesNoEnergy) {
       }
       EXPECT_EQ(made, 0) << more << " kg, " << speed << " m/s";
     }
+  }
+}
+
+// Turned once round, by a third of a radian in a step: the weight's lever changes within a step by more than a
+// hundredth.
+TEST(Follow, TurningAWeightMakesNoEnergy) {
+  for (const double speed : {3.0, 10.0, -10.0}) {
+    Held held(0.6);
+    Vec6 twist = Vec6::Zero();
+    twist[4] = speed;
+    held.world.settle({0}, held.world.tool().state.handle.pose);
+    double made = 0;
+    for (int k = 0; k * kStep * std::abs(speed) < 2 * std::numbers::pi; ++k) {
+      const StepReport report = held.world.follow(straight(held.world.tool().state.handle.pose, twist, kStep), kStep);
+      EXPECT_EQ(held.world.state().pulled_after, 0) << "left the path, step " << k << ", " << speed << " rad/s";
+      made += report.energy_made;
+    }
+    EXPECT_EQ(made, 0) << speed << " rad/s";
   }
 }
 

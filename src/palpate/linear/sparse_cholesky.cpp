@@ -97,6 +97,9 @@ void scatter(const SymmetricBlockMatrix& matrix, const std::vector<Destination>&
 }  // namespace
 
 struct SparseCholesky::Impl {
+  static constexpr Eigen::Index kChunk = 16;           // right-hand sides that go through the factor together
+  static constexpr std::size_t kLeastShared = 20'000;  // entries of a factor that is worth several threads
+
   Impl() {
     cholmod_start(&common);
     common.print = 0;
@@ -123,11 +126,14 @@ struct SparseCholesky::Impl {
   void buildDestinations(const SymmetricBlockMatrix& pattern);
   void copyTrailing();
   template <typename Solve>
-  void inChunks(Eigen::Index columns, const Solve& solve);
+  static void inChunk(Eigen::Index begin, Eigen::Index count, const Solve& solve);
+  template <typename Solve>
+  static void inChunks(Eigen::Index columns, const Solve& solve);
   template <int W>
-  void gather(const Eigen::Ref<const MatX>& from, Eigen::Index column, Eigen::Index count);
+  void gather(const Eigen::Ref<const MatX>& from, Eigen::Index column, Eigen::Index count, double* to) const;
   template <int W>
-  void scatterBack(Eigen::Ref<MatX> to, Eigen::Index column, Eigen::Index count, bool permuted) const;
+  void scatterBack(Eigen::Ref<MatX> to, Eigen::Index column, Eigen::Index count, bool permuted,
+                   const double* from) const;
   void markActive(Eigen::Index width);
 
   cholmod_common common;
@@ -150,7 +156,7 @@ struct SparseCholesky::Impl {
   int last = 0;         // nodes of the trailing block
   int first_panel = 0;  // that holds part of the trailing block
   MatX trailing;
-  std::vector<double> work;  // row-major right-hand sides in the order of the factor
+  std::vector<double> work;  // row-major right-hand sides in the order of the factor, a chunk or several
   std::vector<char> active;
   Statistics statistics;
 };
@@ -262,29 +268,30 @@ void SparseCholesky::Impl::copyTrailing() {
   }
 }
 
+// Calls solve(width, first column, columns): the narrowest that there is for so many.
+template <typename Solve>
+void SparseCholesky::Impl::inChunk(Eigen::Index begin, Eigen::Index count, const Solve& solve) {
+  if (count > 8) {
+    solve(std::integral_constant<int, 16>(), begin, count);
+  } else if (count > 4) {
+    solve(std::integral_constant<int, 8>(), begin, count);
+  } else if (count > 1) {
+    solve(std::integral_constant<int, 4>(), begin, count);
+  } else {
+    solve(std::integral_constant<int, 1>(), begin, count);
+  }
+}
+
 template <typename Solve>
 void SparseCholesky::Impl::inChunks(Eigen::Index columns, const Solve& solve) {
-  for (Eigen::Index begin = 0; begin < columns;) {
-    const Eigen::Index left = columns - begin;
-    if (left > 8) {
-      solve(std::integral_constant<int, 16>(), begin, std::min<Eigen::Index>(left, 16));
-      begin += 16;
-    } else if (left > 4) {
-      solve(std::integral_constant<int, 8>(), begin, left);
-      break;
-    } else if (left > 1) {
-      solve(std::integral_constant<int, 4>(), begin, left);
-      break;
-    } else {
-      solve(std::integral_constant<int, 1>(), begin, left);
-      break;
-    }
+  for (Eigen::Index begin = 0; begin < columns; begin += kChunk) {
+    inChunk(begin, std::min(columns - begin, kChunk), solve);
   }
 }
 
 template <int W>
-void SparseCholesky::Impl::gather(const Eigen::Ref<const MatX>& from, Eigen::Index column, Eigen::Index count) {
-  double* to = work.data();
+void SparseCholesky::Impl::gather(const Eigen::Ref<const MatX>& from, Eigen::Index column, Eigen::Index count,
+                                  double* to) const {
   if (count < W) std::fill(to, to + 3 * order.size() * W, 0.0);
   for (Eigen::Index c = 0; c < count; ++c) {
     const double* source = from.col(column + c).data();
@@ -294,9 +301,8 @@ void SparseCholesky::Impl::gather(const Eigen::Ref<const MatX>& from, Eigen::Ind
 }
 
 template <int W>
-void SparseCholesky::Impl::scatterBack(Eigen::Ref<MatX> to, Eigen::Index column, Eigen::Index count,
-                                       bool keep_order) const {
-  const double* from = work.data();
+void SparseCholesky::Impl::scatterBack(Eigen::Ref<MatX> to, Eigen::Index column, Eigen::Index count, bool keep_order,
+                                       const double* from) const {
   for (Eigen::Index c = 0; c < count; ++c) {
     double* target = to.col(column + c).data();
     for (std::size_t k = 0; k < order.size(); ++k)
@@ -409,23 +415,36 @@ bool SparseCholesky::factorize(const SymmetricBlockMatrix& values) {
 
 void SparseCholesky::solve(Eigen::Ref<MatX> rhs) {
   Impl& m = *impl_;
-  m.inChunks(rhs.cols(), [&](auto width, Eigen::Index column, Eigen::Index count) {
-    constexpr int W = decltype(width)::value;
-    m.gather<W>(rhs, column, count);
-    m.panels.forward<W>(m.factor, m.work.data(), 0);
-    m.panels.backward<W>(m.factor, m.work.data());
-    m.scatterBack<W>(rhs, column, count, false);
-  });
+  const Eigen::Index chunks = (rhs.cols() + Impl::kChunk - 1) / Impl::kChunk;
+  const std::size_t size = 3 * m.order.size() * Impl::kChunk;
+  const bool together = chunks > 1 && m.statistics.nonzeros >= Impl::kLeastShared;
+  if (together) m.work.resize(std::max(m.work.size(), static_cast<std::size_t>(chunks) * size));
+  const auto solveChunk = [&](int k) {
+    double* const work = m.work.data() + (together ? static_cast<std::size_t>(k) * size : 0);
+    const Eigen::Index begin = k * Impl::kChunk;
+    Impl::inChunk(begin, std::min(rhs.cols() - begin, Impl::kChunk), [&](auto width, Eigen::Index column, auto count) {
+      constexpr int W = decltype(width)::value;
+      m.gather<W>(rhs, column, count, work);
+      m.panels.forward<W>(m.factor, work, 0);
+      m.panels.backward<W>(m.factor, work);
+      m.scatterBack<W>(rhs, column, count, false, work);
+    });
+  };
+  if (together) {
+    parallelFor(static_cast<int>(chunks), solveChunk);
+  } else {
+    for (int k = 0; k < static_cast<int>(chunks); ++k) solveChunk(k);
+  }
 }
 
 void SparseCholesky::halfSolve(Eigen::Ref<MatX> rhs) {
   Impl& m = *impl_;
   m.inChunks(rhs.cols(), [&](auto width, Eigen::Index column, Eigen::Index count) {
     constexpr int W = decltype(width)::value;
-    m.gather<W>(rhs, column, count);
+    m.gather<W>(rhs, column, count, m.work.data());
     m.markActive(W);
     m.panels.forward<W>(m.factor, m.work.data(), 0, m.active);
-    m.scatterBack<W>(rhs, column, count, true);
+    m.scatterBack<W>(rhs, column, count, true, m.work.data());
   });
 }
 
@@ -441,7 +460,7 @@ void SparseCholesky::solveFromTrailing(const Eigen::Ref<const MatX>& r, Eigen::R
       for (Eigen::Index i = 0; i < r.rows(); ++i) m.work[(interior + i) * W + c] = r(i, column + c);
     m.panels.forward<W>(m.factor, m.work.data(), m.first_panel);
     m.panels.backward<W>(m.factor, m.work.data());
-    m.scatterBack<W>(x, column, count, false);
+    m.scatterBack<W>(x, column, count, false, m.work.data());
   });
 }
 

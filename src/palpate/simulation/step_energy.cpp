@@ -5,31 +5,59 @@
 
 namespace palpate {
 
+namespace {
+
+// Of the free nodes.
+struct Weight {
+  Vec3 way = Vec3::Zero();  // mass times displacement [kg m]
+  Vec3 arm = Vec3::Zero();  // mass times place at the end, about the handle's origin [kg m]
+  double mass = 0;
+};
+
+// @param led  beyond what they move with the handle, as one rigid body
+Weight weightOf(const BodySystem& system, const BodyState& end, bool led) {
+  const BodyModel& model = system.model();
+  const VecX& start = system.startPositions();
+  const Pose &before = system.startPose(), &now = end.handle.pose;
+  const Mat3 turn = now.matrix() * before.matrix().transpose();
+  Weight out;
+  for (int i = 0; i < model.nodes(); ++i) {
+    if (model.attachedIndex()[i] >= 0) continue;
+    const double m = model.elasticity().mass()[i];
+    const Vec3 x = end.positions.segment<3>(3 * i), x0 = start.segment<3>(3 * i);
+    out.way += m * (x - (led ? Vec3(now.position + turn * (x0 - before.position)) : x0));
+    if (!led) continue;
+    out.arm += m * (x - now.position);
+    out.mass += m;
+  }
+  return out;
+}
+
+}  // namespace
+
 StepWork workOn(const BodySystem& system, const BodyState& end) {
   const BodyModel& model = system.model();
   const StepInput& input = system.input();
-  const VecX& start = system.startPositions();
   StepWork work;
-  Vec3 moment = Vec3::Zero();  // mass times displacement
-  for (int i = 0; i < model.nodes(); ++i) {
-    if (model.attachedIndex()[i] >= 0) continue;
-    moment += model.elasticity().mass()[i] * (end.positions.segment<3>(3 * i) - start.segment<3>(3 * i));
-  }
-  if (model.driven()) work.add(system.attachmentWork());
-  // who leads a handle carries its weight as well: what gravity does on it, he undoes
+  // who leads a handle carries its weight and the tool's: what gravity does on the way that they go as one, he undoes
   const bool led = model.held() && input.followed.on;
+  const Weight weight = weightOf(system, end, led);
+  if (model.driven()) work.add(system.attachmentWork());
+  Vec3 way = weight.way;
   if (model.framed() && !led) {
-    moment += model.handle().mass * (end.handle.pose.position - system.startPose().position);
+    way += model.handle().mass * (end.handle.pose.position - system.startPose().position);
   }
-  work.add(input.gravity.dot(moment));
+  work.add(input.gravity.dot(way));
   if (led) {
-    // he gives it what it has more, and what the tool resists
+    // he gives it what it has more, and what the tool resists but for its weight
     const Vec6 motion = poseDifference(end.handle.pose, system.startPose());
     const auto kinetic = [&](const HandleState& h) {
       return 0.5 * h.twist.dot(model.handle().massMatrix(h.pose) * h.twist);
     };
     work.add(kinetic(end.handle) - kinetic({system.startPose(), system.startTwist()}));
-    const Vec6 wrench = system.wrenchOnHandle(end);
+    Vec6 wrench = system.wrenchOnHandle(end);
+    wrench.head<3>() -= weight.mass * input.gravity;
+    wrench.tail<3>() -= weight.arm.cross(input.gravity);
     work.add(-wrench.head<3>().dot(motion.head<3>()));
     work.add(-wrench.tail<3>().dot(motion.tail<3>()));
   } else if (model.held()) {
