@@ -639,6 +639,16 @@ def evaluate_holds_the_device_in_hands(context):
                                       "reference_hold_pk_mm", "rms_N", "returned_J", "reference_returned_J"))
 
 
+@case
+def evaluate_sees_an_alien_at_rest_in_no_hand(context):
+    """What nobody holds rests only where all its contacts are found before they are made."""
+    context.succeeds(["evaluate", context.scene("alien"), "--methods", "live", "--visual-dt", "0.033", "--hands", "none",
+                      "--delays", "2", "--out", context.out])
+    (row,) = [r for r in context.summary()["rows"] if "hand" in r]
+    expect(row["reference_hold_pk_mm"] < 0.01, f"the reference swings: {row}")
+    expect(row["hold_pk_N"] < 0.01 and row["hold_pk_mm"] < 0.1, f"it swings: {row}")
+
+
 class Served:
     """The program while it serves a page; ends as Ctrl+C ends it."""
 

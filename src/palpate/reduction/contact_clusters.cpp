@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cstdint>
-#include <optional>
 #include <utility>
 
 #include "palpate/math/largest_norm.h"
@@ -80,26 +79,6 @@ class FewNumbers {
   std::vector<std::uint64_t> all_;
 };
 
-// Of each tetrahedron's vertices near a plane, which come one after the other, the special ones and the lowest of the
-// others.
-template <class Special>
-void keepLowest(std::vector<VertexNearPlane>& planes, Special special) {
-  auto kept = planes.begin();
-  for (auto at = planes.begin(); at != planes.end();) {
-    const int group = at->group, obstacle = at->obstacle;
-    std::optional<VertexNearPlane> lowest;
-    for (; at != planes.end() && at->group == group && at->obstacle == obstacle; ++at) {
-      if (special(*at)) {
-        *kept++ = *at;
-      } else if (!lowest || at->gap < lowest->gap) {
-        lowest = *at;
-      }
-    }
-    if (lowest) *kept++ = *lowest;
-  }
-  planes.erase(kept, planes.end());
-}
-
 // The forces of the last step on what is near: that of the same features, or of the nearest ones that it may have moved
 // on to. What carries force and is not near is appended, as touching.
 // @param reach  within which all is wanted
@@ -117,7 +96,6 @@ std::vector<Near> sortNear(const World& world, double reach, NearContacts& found
   }
   keys.close();
   tracks.close();
-  keepLowest(found.planes, [&](const VertexNearPlane& v) { return keys.has(v.key) || tracks.has(v.key); });
   std::vector<Near> out;
   std::vector<Near> alike;  // of the features or on the way of something that carries force
   forEachNear(found, [&](const Near& n) {

@@ -36,8 +36,7 @@ struct NearContacts {
   std::vector<TouchPoint> points;
 };
 
-/// What the tool touches or may touch within reach; what it is glued to comes first. Of a tetrahedron's vertices near a
-/// plane, which move affinely, those that carry force, and the lowest of the others.
+/// What the tool touches or may touch within reach; what it is glued to comes first.
 /// @param tool  where it is now, if that is not where the world's state has it
 /// @param near  scratch, which keeps its memory from call to call
 /// @returns its points
