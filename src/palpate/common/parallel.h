@@ -20,7 +20,7 @@ class Executor {
   /// Loops are about to come: threads that sleep may get up meanwhile.
   virtual void wake() noexcept {}
 
-  /// Offers a task to a thread that has nothing to do; it may run until ended() or revoked() return. One at a time.
+  /// Offers a task to a thread that has nothing to do; it may run until revoked() or awaitTask() return. One at a time.
   /// @returns false: there is no such thread, or there is a task already; the caller keeps it
   virtual bool offer(void (* /*task*/)(void* what), void* /*what*/) noexcept { return false; }
   /// Takes the task back. @returns false: a thread is at it or has done it
