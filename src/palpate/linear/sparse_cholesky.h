@@ -56,7 +56,7 @@ class SparseCholesky {
   bool factorize(const SymmetricBlockMatrix& values);
 
   /// rhs <- A^-1 rhs; [3 nodes x any number of columns], in the caller's node order. Many columns are shared out among
-  /// the calling thread's others.
+  /// the calling thread's others, which takes memory once for as many.
   void solve(Eigen::Ref<MatX> rhs);
   /// rhs <- L^-1 P rhs, in the order of the factor; skips what stays zero. A^-1 = (L^-1 P)^T (L^-1 P).
   void halfSolve(Eigen::Ref<MatX> rhs);

@@ -30,7 +30,7 @@ void relax() {
 }
 
 // Of a thread that waits for one that may not be running, for want of a core.
-void pass(int& pauses) {
+void pass(unsigned& pauses) {
   relax();
   if (++pauses % 1024 == 0) std::this_thread::yield();
 }
@@ -94,7 +94,7 @@ void ThreadTeam::Loops::run(int parts, void (*part)(void* loop, int i), void* lo
   team_.wake();
   help();
   // whoever else is at work is so with its last part; one that is not running needs a core
-  for (int n = 0; done_.load(std::memory_order_acquire) != parts;) pass(n);
+  for (unsigned n = 0; done_.load(std::memory_order_acquire) != parts;) pass(n);
   if (failed_.load(std::memory_order_relaxed)) {
     failed_.store(false, std::memory_order_relaxed);
     std::rethrow_exception(std::exchange(failure_, nullptr));
@@ -158,7 +158,7 @@ bool ThreadTeam::takeTask() noexcept {
 
 void ThreadTeam::awaitTask() {
   const ExecutorScope within(nullptr);
-  for (int n = 0; task_state_.load(std::memory_order_acquire) != Task::done;) {
+  for (unsigned n = 0; task_state_.load(std::memory_order_acquire) != Task::done;) {
     if (!aside_.help()) pass(n);
   }
   const std::exception_ptr failure = std::exchange(failure_, nullptr);

@@ -58,7 +58,7 @@ class ThreadTeam : public Executor {
     void (*part_)(void*, int) = nullptr;
     void* loop_ = nullptr;
     std::exception_ptr failure_;
-    int pauses_ = 0;
+    unsigned pauses_ = 0;  // of all tasks: may begin anew
   };
   enum class Task { none, offered, taken, done };
 
