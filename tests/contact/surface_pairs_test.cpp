@@ -137,6 +137,27 @@ TEST(CollisionSurface, EveryFeatureIsOwnedOnce) {
   EXPECT_EQ(2 * s.edges().size(), 3 * s.triangles().size());
 }
 
+TEST(CollisionSurface, TellsEdgesThatStandOutOnceItIsFixed) {
+  const auto hollow = [](const Surface& surface) {
+    CollisionSurface s(surface);
+    EXPECT_FALSE(s.hollow(0));
+    s.fix();
+    int count = 0;
+    for (int e = 0; e < static_cast<int>(s.edges().size()); ++e) count += s.hollow(e) ? 1 : 0;
+    return count;
+  };
+  const Surface box = boxSurface(Vec3(1, 1, 1));
+  EXPECT_EQ(hollow(box), 6);  // the faces' diagonals
+  Surface room = box;
+  for (auto& t : room.triangles) std::swap(t[0], t[1]);
+  EXPECT_EQ(hollow(room), 18);
+  const Surface ball = sphereSurface(1, 2);
+  EXPECT_EQ(hollow(ball), 0);
+  Surface open = room;
+  open.triangles.pop_back();
+  EXPECT_EQ(hollow(open), 0);
+}
+
 TEST(CollisionSurface, ClustersKeepGivenGroupsAndSize) {
   const Surface surface = sphereSurface(1, 4);
   std::vector<int> group;
@@ -552,6 +573,48 @@ TEST(SurfacePairs, SelfHitWhileFolding) {
   EXPECT_TRUE(std::any_of(pairs.begin(), pairs.end(), [](const FeaturePair& p) { return p.hit; }));
 }
 
+using Key = std::tuple<int, int, int, double, double>;
+Key keyOf(const FeaturePair& x) {
+  return {static_cast<int>(x.kind), x.first_feature, x.second_feature, x.toi, x.end_distance};
+}
+
+TEST(SurfacePairs, HollowEdgesOfAFixedSurfaceAreMissedFromInsideAlone) {
+  SurfacePairFinder finder;
+  size_t hits = 0, edges = 0, hollow = 0;
+  for (unsigned seed = 0; seed < 60; ++seed) {
+    Chance chance(seed);
+    Surface dented = sphereSurface(0.02, 3);
+    for (Vec3& v : dented.vertices) v *= chance.in(0.9, 1.1);
+    const bool room = seed % 2 == 1;
+    if (room) {
+      for (auto& t : dented.triangles) std::swap(t[0], t[1]);
+    }
+    CollisionSurface a(dented), fixed(dented), b(sphereSurface(0.012, 3));
+    fixed.fix();
+    for (int e = 0; e < static_cast<int>(fixed.edges().size()); ++e) hollow += fixed.hollow(e) ? 1 : 0;
+    const Vec3 from = (room ? 0.006 : 0.033) * chance.direction();
+    const Eigen::Affine3d begin = affine(chance.rotation(), from);
+    place(b, begin, affine(chance.rotation(0.1) * begin.linear(), from + chance.in(0, 0.004) * chance.direction()));
+    std::vector<FeaturePair> all, found;
+    finder.find(a, b, 1e-3, all);
+    finder.find(fixed, b, 1e-3, found);
+    std::set<Key> expected, other;
+    for (const FeaturePair& p : all) {
+      if (p.hit || !p.from_inside) expected.insert(keyOf(p));
+      hits += p.hit ? 1 : 0;
+      edges += p.kind == Kind::edge_edge ? 1 : 0;
+    }
+    for (const FeaturePair& p : found) {
+      if (p.hit || !p.from_inside) other.insert(keyOf(p));
+    }
+    EXPECT_EQ(expected, other) << seed;
+    EXPECT_LE(found.size(), all.size());
+  }
+  EXPECT_GT(hits, 100u);
+  EXPECT_GT(edges, 100u);
+  EXPECT_GT(hollow, 1000u);
+}
+
 TEST(SurfacePairs, ResultsDoNotDependOnTheClusters) {
   Chance chance(5);
   const Surface sa = sphereSurface(0.02, 3), sb = sphereSurface(0.015, 3);
@@ -563,12 +626,9 @@ TEST(SurfacePairs, ResultsDoNotDependOnTheClusters) {
   SurfacePairFinder finder;
   finder.find(a, b, 1e-3, p);
   finder.find(grouped, b, 1e-3, q);
-  const auto key = [](const FeaturePair& x) {
-    return std::tuple(static_cast<int>(x.kind), x.first_feature, x.second_feature, x.toi, x.end_distance);
-  };
-  std::set<std::tuple<int, int, int, double, double>> kp, kq;
-  for (const auto& x : p) kp.insert(key(x));
-  for (const auto& x : q) kq.insert(key(x));
+  std::set<Key> kp, kq;
+  for (const auto& x : p) kp.insert(keyOf(x));
+  for (const auto& x : q) kq.insert(keyOf(x));
   EXPECT_GT(p.size(), 5u);
   EXPECT_EQ(kp, kq);
 }

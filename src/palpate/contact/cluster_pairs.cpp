@@ -74,7 +74,7 @@ void SurfacePairFinder::makeTriangleBoxes(const PairSearch& s) {
 // Which part finds how much changes from search to search: room in one is room in all, and later ones allocate nothing.
 void SurfacePairFinder::shareRoom() {
   const auto roomOf = [](const Workspace& w) {
-    return std::array<size_t, 3>{w.a.capacity(), w.b.capacity(), w.found.capacity()};
+    return std::array<size_t, 3>{w.a.list.capacity(), w.b.list.capacity(), w.found.capacity()};
   };
   std::array<size_t, 3> room{};
   for (const Workspace& w : workspace_) {
@@ -110,70 +110,91 @@ void SurfacePairFinder::testClusters(PairSearch& s, NodePair leaves, Workspace& 
   s.may_exclude = s.left_out != nullptr || (s.self() && s.exclusion->touchesClusters(ca, cb));
   s.clearance = std::numeric_limits<float>::infinity();
   MovingBox around_a, around_b;
-  gather(s.a, ca, s.b.leafBox(leaves.b), workspace.a, around_a);
-  if (workspace.a.empty()) return;
-  gather(s.b, cb, same ? s.b.leafBox(leaves.b) : around_a, workspace.b, around_b);
-  for (const Local& p : workspace.a)
-    for (const Local& q : workspace.b)
-      if ((!same || p.triangle < q.triangle) && s.meetClosely(p.box, q.box)) testTriangles(s, p, q);
+  Triangles &a = workspace.a, &b = workspace.b;
+  gather(s.a, ca, s.b.leafBox(leaves.b), a.list, around_a);
+  if (a.list.empty()) return;
+  gather(s.b, cb, same ? s.b.leafBox(leaves.b) : around_a, b.list, around_b);
+  a.forgetDetails();
+  b.forgetDetails();
+  for (size_t i = 0; i < a.list.size(); ++i)
+    for (size_t j = 0; j < b.list.size(); ++j) {
+      const Local &p = a.list[i], &q = b.list[j];
+      if ((!same || p.triangle < q.triangle) && s.meetClosely(p.box, q.box))
+        testTriangles(s, p, a.details[i], q, b.details[j]);
+    }
 }
 
-// By how much planes square to the first triangle at its start keep the two apart at both ends of the present piece of
-// time, hence throughout; below zero if they do not.
-float SurfacePairFinder::gapAlongNormal(const PairSearch& s, const CollisionSurface& sp, const std::array<int, 3>& p,
-                                        const CollisionSurface& sq, const std::array<int, 3>& q) {
+void SurfacePairFinder::makePlane(const PairSearch& s, const CollisionSurface& surface, int triangle, Details& of) {
   using Vec3f = Eigen::Vector3f;
-  const auto start = [](const CollisionSurface& of, int v) -> Vec3f { return of.roundedStart(v).head<3>(); };
-  const auto end = [](const CollisionSurface& of, int v) -> Vec3f { return of.roundedEnd(v).head<3>(); };
-  const Vec3f origin = start(sp, p[0]);
-  const Vec3f normal = (start(sp, p[1]) - origin).cross(start(sp, p[2]) - origin);
+  const auto& v = surface.triangles()[static_cast<size_t>(triangle)];
+  const auto start = [&](size_t i) -> Vec3f { return surface.roundedStart(v[i]).head<3>(); };
+  const auto from = static_cast<float>(s.from), to = static_cast<float>(s.to);
+  of.origin = start(0);
+  of.normal = (start(1) - of.origin).cross(start(2) - of.origin);
+  of.length = of.normal.norm();
+  of.low = std::numeric_limits<float>::infinity();
+  of.high = -of.low;
+  for (const int i : v) {
+    const Vec3f end = surface.roundedEnd(i).head<3>();
+    const float leaves = of.normal.dot(end - of.origin);  // start: 0
+    of.low = std::min(of.low, std::min(from * leaves, to * leaves));
+    of.high = std::max(of.high, std::max(from * leaves, to * leaves));
+  }
+  of.plane_known = true;
+}
+
+void SurfacePairFinder::makeBoxes(const CollisionSurface& surface, int triangle, Details& of) {
+  const auto& v = surface.triangles()[static_cast<size_t>(triangle)];
+  for (size_t k = 0; k < 3; ++k) of.corner[k] = of.edge[k] = surface.vertexBox(v[k]);
+  for (size_t k = 0; k < 3; ++k) of.edge[k].include(of.corner[(k + 1) % 3]);
+  of.boxes_known = true;
+}
+
+// By how much planes square to the triangle p at its start keep the two apart at both ends of the present piece of
+// time, hence throughout; below zero if they do not.
+float SurfacePairFinder::gapAlongNormal(const PairSearch& s, const Details& p, const CollisionSurface& sq, int q) {
+  using Vec3f = Eigen::Vector3f;
   const auto from = static_cast<float>(s.from), to = static_cast<float>(s.to);
   constexpr float kFar = std::numeric_limits<float>::infinity();
-  float p_low = kFar, p_high = -kFar, q_low = kFar, q_high = -kFar;
-  for (size_t i = 0; i < 3; ++i) {
-    const float pe = normal.dot(end(sp, p[i]) - origin);  // start: 0
-    p_low = std::min(p_low, std::min(from * pe, to * pe));
-    p_high = std::max(p_high, std::max(from * pe, to * pe));
-    const float qs = normal.dot(start(sq, q[i]) - origin), way = normal.dot(end(sq, q[i]) - origin) - qs;
-    q_low = std::min(q_low, std::min(qs + from * way, qs + to * way));
-    q_high = std::max(q_high, std::max(qs + from * way, qs + to * way));
+  float low = kFar, high = -kFar;
+  for (const int v : sq.triangles()[static_cast<size_t>(q)]) {
+    const Vec3f start = sq.roundedStart(v).head<3>(), end = sq.roundedEnd(v).head<3>();
+    const float qs = p.normal.dot(start - p.origin), way = p.normal.dot(end - p.origin) - qs;
+    low = std::min(low, std::min(qs + from * way, qs + to * way));
+    high = std::max(high, std::max(qs + from * way, qs + to * way));
   }
   constexpr float kShortest = 1e-15f;  // square meters; squares of shorter ones run out of single precision's exponents
-  const float length = normal.norm();
-  return length > kShortest ? std::max(q_low - p_high, p_low - q_high) / length : 0.0f;
+  return p.length > kShortest ? std::max(low - p.high, p.low - high) / p.length : 0.0f;
 }
 
-void SurfacePairFinder::testTriangles(PairSearch& s, const Local& a, const Local& b) {
+void SurfacePairFinder::testTriangles(PairSearch& s, const Local& a, Details& da, const Local& b, Details& db) {
   const int ta = a.triangle, tb = b.triangle;
   const auto &va = s.a.triangles()[static_cast<size_t>(ta)], &vb = s.b.triangles()[static_cast<size_t>(tb)];
   const auto &ea = s.a.triangleEdges()[static_cast<size_t>(ta)], &eb = s.b.triangleEdges()[static_cast<size_t>(tb)];
-  float apart = gapAlongNormal(s, s.a, va, s.b, vb);
-  if (!(apart > s.box_reach)) apart = gapAlongNormal(s, s.b, vb, s.a, va);
+  if (!da.plane_known) makePlane(s, s.a, ta, da);
+  float apart = gapAlongNormal(s, da, s.b, tb);
+  if (!(apart > s.box_reach)) {
+    if (!db.plane_known) makePlane(s, s.b, tb, db);
+    apart = gapAlongNormal(s, db, s.a, ta);
+  }
   if (apart > s.box_reach) {
     s.noteDistance(apart);
     return;
   }
   // most features of triangles that meet are apart by their own boxes
-  std::array<MovingBox, 3> box_a, box_b;
-  for (size_t k = 0; k < 3; ++k) {
-    box_a[k] = s.a.vertexBox(va[k]);
-    box_b[k] = s.b.vertexBox(vb[k]);
+  if (!da.boxes_known) makeBoxes(s.a, ta, da);
+  if (!db.boxes_known) makeBoxes(s.b, tb, db);
+  for (int i = 0; i < 3; ++i) {
+    const auto k = static_cast<size_t>(i);
+    if (s.a.ownsCorner(ta, i) && s.meetClosely(da.corner[k], b.box)) testVertexFace(s, true, va[k], ta, tb);
+    if (s.b.ownsCorner(tb, i) && s.meetClosely(db.corner[k], a.box)) testVertexFace(s, false, vb[k], tb, ta);
   }
   for (int i = 0; i < 3; ++i) {
     const auto k = static_cast<size_t>(i);
-    if (s.a.ownsCorner(ta, i) && s.meetClosely(box_a[k], b.box)) testVertexFace(s, true, va[k], ta, tb);
-    if (s.b.ownsCorner(tb, i) && s.meetClosely(box_b[k], a.box)) testVertexFace(s, false, vb[k], tb, ta);
-  }
-  for (size_t k = 0; k < 3; ++k) box_b[k].include(s.b.vertexBox(vb[(k + 1) % 3]));
-  for (int i = 0; i < 3; ++i) {
-    if (!s.a.ownsEdge(ta, i)) continue;
-    const auto k = static_cast<size_t>(i);
-    MovingBox edge = box_a[k];
-    edge.include(box_a[(k + 1) % 3]);
-    if (!s.meetClosely(edge, b.box)) continue;
+    if (!s.a.ownsEdge(ta, i) || !s.meetClosely(da.edge[k], b.box)) continue;
     for (int j = 0; j < 3; ++j) {
       const auto l = static_cast<size_t>(j);
-      if (s.b.ownsEdge(tb, j) && s.meetClosely(edge, box_b[l])) testEdgeEdge(s, ea[k], eb[l]);
+      if (s.b.ownsEdge(tb, j) && s.meetClosely(da.edge[k], db.edge[l])) testEdgeEdge(s, ea[k], eb[l]);
     }
   }
 }

@@ -255,6 +255,26 @@ Vec3 CollisionSurface::outwardNormal(int triangle, const std::array<double, 3>& 
   return length > 0 ? Vec3(sum / length) : Vec3(Vec3::UnitZ());
 }
 
+void CollisionSurface::fix() {
+  constexpr double kRounding = 1e-10;  // sine of the angle by which one face falls away from the other
+  hollow_.clear();
+  if (!closed_) return;
+  hollow_.resize(edges_.size());
+  for (size_t e = 0; e < edges_.size(); ++e) {
+    const Vec3& x = start[static_cast<size_t>(edges_[e][0])];
+    const Vec3 along = start[static_cast<size_t>(edges_[e][1])] - x;
+    const auto& [own, other] = edge_triangles_[e];
+    // where the other face leads, square to the edge
+    Vec3 way = Vec3::Zero();
+    for (const int v : triangles_[static_cast<size_t>(other)]) {
+      if (v != edges_[e][0] && v != edges_[e][1]) way = start[static_cast<size_t>(v)] - x;
+    }
+    way -= way.dot(along) / along.squaredNorm() * along;
+    const Vec3 normal = areaNormal(own, 0);
+    hollow_[e] = way.dot(normal) > -kRounding * way.norm() * normal.norm() ? 1 : 0;  // not where there is no area
+  }
+}
+
 void CollisionSurface::refit() {
   if (!embedding_.nodes().empty()) placeAll();
   PackedBounds moves, places;

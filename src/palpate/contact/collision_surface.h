@@ -79,6 +79,8 @@ class CollisionSurface {
   /// The same for vertices that follow nodes, with bounds that are known otherwise: places the ends, unless the surface
   /// is sparse, and makes no box before it is asked for.
   void refit(const MotionBounds& bounds);
+  /// From now on the vertices stay where they are: what is true of edges is found once.
+  void fix();
   /// From now on the vertices follow nodes: moveStart() and moveEnd() say where they are. Where a cluster has many
   /// vertices, it is bounded from its nodes, and its vertices are placed when something comes near.
   void follow(EmbeddingMap embedding);
@@ -127,6 +129,10 @@ class CollisionSurface {
   int ownerOfEdge(int edge) const { return edge_triangles_[static_cast<size_t>(edge)][0]; }
   /// Every edge has exactly two triangles, which run along it in opposite directions.
   bool closed() const { return closed_; }
+
+  /// Of a closed surface after fix(): the faces at this edge lie in one plane or rise from each other, so that of no
+  /// line that leaves the solid there the edge is the nearest place.
+  bool hollow(int edge) const { return !hollow_.empty() && hollow_[static_cast<size_t>(edge)] != 0; }
 
   /// At a time in [0, 1] of the step, between start and end.
   Vec3 position(int vertex, double time) const {
@@ -269,6 +275,7 @@ class CollisionSurface {
   std::vector<int> vertex_offset_, vertex_triangles_;
   std::vector<std::uint8_t> owned_;
   bool closed_ = false;
+  std::vector<char> hollow_;  // edges
 
   std::vector<int> order_;  // triangles, cluster by cluster
   std::vector<int> cluster_offset_{0};

@@ -80,6 +80,7 @@ struct EdgeEdge {
     return std::min(gap(0), gap(s.to)) > kClear * s.reach * q.distance;
   }
   Vec3 normal(const SegmentPair& p, double t) const;
+  bool mayHit(const SegmentPair& q, double travel) const;
   Approach impact(const SegmentPair& q, double travel, double until) const;
   bool chooseTime(const SegmentPair& at_end, SegmentPair& q, FeaturePair& pair) const;
   void describe(const SegmentPair& q, FeaturePair& pair) const;
@@ -105,13 +106,18 @@ Vec3 EdgeEdge::normal(const SegmentPair& p, double t) const {
   return unitOr(line(p, t), Vec3::UnitZ());
 }
 
+// @param q  closest points at the start
+bool EdgeEdge::mayHit(const SegmentPair& q, double travel) const {
+  return touching(q.distance, at(s.a.start, a[0])) || q.distance - travel < s.hitDistance(q.distance);
+}
+
 // When the edges hit each other, if they do by then; q: closest points at the start. Edges that touch at the start hit
 // unless the end is clear.
 Approach EdgeEdge::impact(const SegmentPair& q, double travel, double until) const {
   if (touching(q.distance, at(s.a.start, a[0])))
     return touchingNormal(0).dot(line(q, 1)) > 0 ? Approach{1, false} : Approach{0, true};
+  if (!mayHit(q, travel)) return {1, false};
   const double least = s.hitDistance(q.distance);
-  if (!(q.distance - travel < least)) return {1, false};
   return timeOfApproach(FeatureKind::edge_edge,
                         {at(s.a.start, a[0]), at(s.a.start, a[1]), at(s.b.start, b[0]), at(s.b.start, b[1])},
                         {at(s.a.end, a[0]), at(s.a.end, a[1]), at(s.b.end, b[0]), at(s.b.end, b[1])}, least,
@@ -189,6 +195,8 @@ void testEdgeEdge(PairSearch& s, int edge_a, int edge_b) {
   if (edges.apart(q)) return;
   const double travel = edges.travel();
   if (q.distance - s.to * travel > s.reach) return;
+  // all that such an edge can be is hit
+  if ((s.a.hollow(edge_a) || s.b.hollow(edge_b)) && !edges.mayHit(q, travel)) return;
 
   FeaturePair pair;
   pair.start_distance = q.distance;

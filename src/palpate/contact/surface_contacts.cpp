@@ -145,6 +145,7 @@ void SurfaceContacts::addObstacle(int obstacle, const Surface& surface) {
   Item item;
   item.obstacle = obstacle;
   item.surface = CollisionSurface(surface);
+  item.surface.fix();
   items_.push_back(std::move(item));
   pairs_.resize(items_.size() * (items_.size() - 1) / 2);
 }

@@ -28,7 +28,7 @@ struct PairSearch;
 ///   is nearest to an edge or a vertex only if, the other way round, its own surface is not nearer beside it.
 /// - Edge against edge: only where both nearest points are inside the edges and where no face at one of the edges comes
 ///   nearer; nor for two flat regions that face each other, inside which vertices say the same. Hits at an end of an
-///   edge are left to the vertex if that hits too.
+///   edge are left to the vertex if that hits too. A hollow edge of a fixed surface is only ever hit.
 /// Where the motion is fast it is examined in pieces of time, and after the first piece with a hit nothing that only
 /// comes later is reported.
 class SurfacePairFinder {
@@ -62,12 +62,32 @@ class SurfacePairFinder {
     MovingBox box;
     int triangle;
   };
+  struct Details {  // of such a triangle, for all the triangles that it meets; made when they are asked for
+    bool plane_known, boxes_known;
+    Eigen::Vector3f origin, normal;   // of its plane at the start, as long as twice its area
+    float length, low, high;          // of the normal; how far the triangle leaves the plane at either end of the piece
+    std::array<MovingBox, 3> corner;  // on their way
+    std::array<MovingBox, 3> edge;    // from its corner on
+  };
+  struct Triangles {  // of one cluster
+    std::vector<Local> list;
+    std::vector<Details> details;
+    void clear() { list.clear(); }
+    void forgetDetails() {
+      if (details.size() < list.size()) details.resize(list.size());
+      for (size_t i = 0; i < list.size(); ++i) details[i].plane_known = details[i].boxes_known = false;
+    }
+    void reserve(size_t room) {
+      list.reserve(room);
+      details.resize(room);
+    }
+  };
   struct Meeting {  // leaves that must be opened
     NodePair leaves;
     float clearance;
   };
   struct Workspace {  // of a part of the clusters that meet
-    std::vector<Local> a, b;
+    Triangles a, b;
     std::vector<FeaturePair> found;
     double first_hit;
   };
@@ -84,9 +104,10 @@ class SurfacePairFinder {
   void makeTriangleBoxes(const PairSearch& s);
   void shareRoom();
   void testClusters(PairSearch& s, NodePair leaves, Workspace& workspace);
-  static float gapAlongNormal(const PairSearch& s, const CollisionSurface& sp, const std::array<int, 3>& p,
-                              const CollisionSurface& sq, const std::array<int, 3>& q);
-  void testTriangles(PairSearch& s, const Local& a, const Local& b);
+  static void makePlane(const PairSearch& s, const CollisionSurface& surface, int triangle, Details& of);
+  static void makeBoxes(const CollisionSurface& surface, int triangle, Details& of);
+  static float gapAlongNormal(const PairSearch& s, const Details& p, const CollisionSurface& sq, int q);
+  static void testTriangles(PairSearch& s, const Local& a, Details& da, const Local& b, Details& db);
 
   static constexpr int kMostParts = 64;
   bool tooMany();
