@@ -205,8 +205,16 @@ function(palpate_test name)
     string(REPLACE ";" "+" labels "${TEST_LABELS}") # gtest_discover_tests() takes no list here
     list(APPEND properties LABELS ${labels})
   endif()
-  gtest_discover_tests(test_${name} DISCOVERY_MODE PRE_TEST DISCOVERY_TIMEOUT 60 TEST_PREFIX "${name}." PROPERTIES
-                                                                                                      ${properties})
+  if(PALPATE_SANITIZE)
+    # as one: a program with sanitizers takes longer to start than most tests to run
+    list(LENGTH TEST_SOURCES sources)
+    list(APPEND properties COST ${sources}) # the longest first
+    add_test(NAME ${name} COMMAND test_${name} --gtest_brief=1)
+    set_tests_properties(${name} PROPERTIES ${properties})
+  else()
+    gtest_discover_tests(test_${name} DISCOVERY_MODE PRE_TEST DISCOVERY_TIMEOUT 60 TEST_PREFIX "${name}." PROPERTIES
+                                                                                                        ${properties})
+  endif()
 endfunction()
 
 # Sources (ALONE) that open the repository's files. Nobody else is told where it is, so that a compiler cache serves any checkout.
