@@ -304,8 +304,6 @@ constexpr double kDearShare = 0.2;  // of the budget: who has used that up canno
 constexpr double kPartCost = 2.0;   // of a part that is good, for its factorization's
 // an end that has more energy than work explains, by this much in a whole step [J], is not believed
 constexpr double kEnergyFloor = 1e-5;
-// a handle that is led takes the free nodes along as one rigid body first
-constexpr double kFollowingFloor = 1e-3;
 
 namespace {
 
@@ -332,10 +330,9 @@ bool World::tryStep(const StepInput& input, double share, bool last, StepReport&
   StepWork work;
   for (int i = 0; i < bodies(); ++i) work += workOn(*systems_[i], state_.bodies[i]);
   const double made = energyMade(startEnergy(before, report), energy_, work, share);
-  const double floor = input.followed.on ? kFollowingFloor : kEnergyFloor;
   const bool forced = input.followed.on && systems_[tool_]->wrenchOnHandle(state_.bodies[tool_]).head<3>().norm() >
                                                input.followed.largest_force;
-  if (!last && (forced || made > share * floor)) {
+  if (!last && (forced || made > share * kEnergyFloor)) {
     for (const auto& system : systems_) system->retreat();
     std::swap(state_.contacts, contacts_before_);
     energy_ = before;
