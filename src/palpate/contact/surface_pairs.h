@@ -72,9 +72,8 @@ class SurfacePairFinder {
   struct Triangles {  // of one cluster
     std::vector<Local> list;
     std::vector<Details> details;
-    void clear() { list.clear(); }
     void forgetDetails() {
-      if (details.size() < list.size()) details.resize(list.size());
+      if (details.size() < list.size()) details.resize(list.capacity());
       for (size_t i = 0; i < list.size(); ++i) details[i].plane_known = details[i].boxes_known = false;
     }
     void reserve(size_t room) {
