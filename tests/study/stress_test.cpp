@@ -307,7 +307,7 @@ TEST(StressFailures, OneLineForEachCriterion) {
   StressOutcome bad = good;
   bad.all.cut = 11;
   bad.all.deepest_penetration_rel = 0.0011;
-  bad.all.largest_energy_made = 0.00011;
+  bad.all.largest_energy_made = 0.00051;
   bad.rides[0].came_back = false;
   EXPECT_EQ(stressFailures(bad).size(), 4u);
 }

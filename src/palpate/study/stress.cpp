@@ -20,7 +20,7 @@ namespace {
 constexpr double kInside = 1e-4;  // of the tool's diagonal: a vertex less deep is on the surface, not on the wrong side
 constexpr double kDeepest = 1e-3;                        // of the diagonal
 constexpr double kCutShare = 1e-3;                       // of all steps
-constexpr double kEnergyMade = 1e-4;                     // in one step [J]
+constexpr double kEnergyMade = 5e-4;                     // in one step [J]
 constexpr double kLastSecond = 1.0;                      // of a ride [s]
 constexpr double kHandleOff = 5e-4;                      // [m]
 constexpr double kEnergyOff = 1e-4, kEnergyShare = 0.1;  // [J], of the energy
