@@ -223,6 +223,18 @@ Vec3 CollisionSurface::edgeNormal(int edge, double time) const {
   return sum;
 }
 
+Vec3 CollisionSurface::inward(int edge, int triangle, double time) const {
+  const auto& [from, to] = edges_[static_cast<size_t>(edge)];
+  const Vec3 x = position(from, time), along = position(to, time) - x;
+  const double length2 = along.squaredNorm();
+  int opposite = -1;
+  for (const int v : triangles_[static_cast<size_t>(triangle)])
+    if (v != from && v != to) opposite = v;
+  Vec3 inward = position(opposite, time) - x;
+  if (length2 > 0) inward -= (inward.dot(along) / length2) * along;
+  return inward;
+}
+
 Vec3 CollisionSurface::cornerNormal(int vertex, double time) const {
   Vec3 sum = Vec3::Zero();
   const Vec3 x = position(vertex, time);
@@ -261,16 +273,8 @@ void CollisionSurface::fix() {
   if (!closed_) return;
   hollow_.resize(edges_.size());
   for (size_t e = 0; e < edges_.size(); ++e) {
-    const Vec3& x = start[static_cast<size_t>(edges_[e][0])];
-    const Vec3 along = start[static_cast<size_t>(edges_[e][1])] - x;
     const auto& [own, other] = edge_triangles_[e];
-    // where the other face leads, square to the edge
-    Vec3 way = Vec3::Zero();
-    for (const int v : triangles_[static_cast<size_t>(other)]) {
-      if (v != edges_[e][0] && v != edges_[e][1]) way = start[static_cast<size_t>(v)] - x;
-    }
-    way -= way.dot(along) / along.squaredNorm() * along;
-    const Vec3 normal = areaNormal(own, 0);
+    const Vec3 way = inward(static_cast<int>(e), other, 0), normal = areaNormal(own, 0);
     hollow_[e] = way.dot(normal) > -kRounding * way.norm() * normal.norm() ? 1 : 0;  // not where there is no area
   }
 }

@@ -145,6 +145,8 @@ class CollisionSurface {
   Vec3 areaNormal(int triangle, double time) const;
   /// Sum of the unit normals of the edge's triangles.
   Vec3 edgeNormal(int edge, double time) const;
+  /// From an edge to the opposite corner of a triangle at it, square to the edge.
+  Vec3 inward(int edge, int triangle, double time) const;
   /// Sum of the unit normals of the vertex's triangles, weighted by their angles there.
   Vec3 cornerNormal(int vertex, double time) const;
   /// Outward unit normal at the point of a triangle with these barycentric weights: of the triangle, of both triangles

@@ -12,19 +12,12 @@ struct EdgeFaces {
   bool flat = false;    // two faces, both square to the line
 };
 EdgeFaces edgeFaces(const CollisionSurface& s, int edge, double t, const Vec3& outward) {
-  const auto& e = s.edges()[static_cast<size_t>(edge)];
-  const Vec3 a = s.position(e[0], t), along = s.position(e[1], t) - a;
-  const double length2 = along.squaredNorm();
   EdgeFaces result;
   int faces = 0, square = 0;
   for (const int f : s.edgeTriangles()[static_cast<size_t>(edge)]) {
     if (f < 0) continue;
     ++faces;
-    int opposite = -1;
-    for (const int v : s.triangles()[static_cast<size_t>(f)])
-      if (v != e[0] && v != e[1]) opposite = v;
-    Vec3 inward = s.position(opposite, t) - a;
-    if (length2 > 0) inward -= (inward.dot(along) / length2) * along;
+    const Vec3 inward = s.inward(edge, f, t);
     const double rise = inward.dot(outward), limit = kFlat * inward.norm();
     if (rise > limit) result.nearer = true;
     if (std::abs(rise) <= limit) ++square;
@@ -80,7 +73,6 @@ struct EdgeEdge {
     return std::min(gap(0), gap(s.to)) > kClear * s.reach * q.distance;
   }
   Vec3 normal(const SegmentPair& p, double t) const;
-  bool mayHit(const SegmentPair& q, double travel) const;
   Approach impact(const SegmentPair& q, double travel, double until) const;
   bool chooseTime(const SegmentPair& at_end, SegmentPair& q, FeaturePair& pair) const;
   void describe(const SegmentPair& q, FeaturePair& pair) const;
@@ -106,18 +98,13 @@ Vec3 EdgeEdge::normal(const SegmentPair& p, double t) const {
   return unitOr(line(p, t), Vec3::UnitZ());
 }
 
-// @param q  closest points at the start
-bool EdgeEdge::mayHit(const SegmentPair& q, double travel) const {
-  return touching(q.distance, at(s.a.start, a[0])) || q.distance - travel < s.hitDistance(q.distance);
-}
-
 // When the edges hit each other, if they do by then; q: closest points at the start. Edges that touch at the start hit
 // unless the end is clear.
 Approach EdgeEdge::impact(const SegmentPair& q, double travel, double until) const {
   if (touching(q.distance, at(s.a.start, a[0])))
     return touchingNormal(0).dot(line(q, 1)) > 0 ? Approach{1, false} : Approach{0, true};
-  if (!mayHit(q, travel)) return {1, false};
   const double least = s.hitDistance(q.distance);
+  if (!(q.distance - travel < least)) return {1, false};
   return timeOfApproach(FeatureKind::edge_edge,
                         {at(s.a.start, a[0]), at(s.a.start, a[1]), at(s.b.start, b[0]), at(s.b.start, b[1])},
                         {at(s.a.end, a[0]), at(s.a.end, a[1]), at(s.b.end, b[0]), at(s.b.end, b[1])}, least,
@@ -195,13 +182,12 @@ void testEdgeEdge(PairSearch& s, int edge_a, int edge_b) {
   if (edges.apart(q)) return;
   const double travel = edges.travel();
   if (q.distance - s.to * travel > s.reach) return;
-  // all that such an edge can be is hit
-  if ((s.a.hollow(edge_a) || s.b.hollow(edge_b)) && !edges.mayHit(q, travel)) return;
 
   FeaturePair pair;
   pair.start_distance = q.distance;
   const Approach impact = edges.impact(q, travel, s.horizon(q.distance));
-  if (!impact.reached && s.onlyHits(q.distance)) return;
+  // all that a hollow edge can be is hit
+  if (!impact.reached && (s.onlyHits(q.distance) || s.a.hollow(edge_a) || s.b.hollow(edge_b))) return;
   pair.hit = impact.reached;
   pair.toi = pair.hit ? impact.time : 1;
   const SegmentPair at_end = edges.closest(1);
