@@ -26,7 +26,7 @@ class SurfaceBuilder {
   }
   void corner(long long index);
   void endPolygon();
-  /// Checks the number of triangles and every index that came before its vertex.
+  /// Checks the number of triangles and every index that came before its vertex; cuts polygons up (cutPolygon).
   Surface finish();
   const std::string& name() const { return name_; }
 
@@ -37,6 +37,14 @@ class SurfaceBuilder {
   int corners_ = 0;
   int first_ = 0;
   int last_ = 0;
+  // Of polygons with more than three corners, whose triangles are the fan until all vertices are known.
+  struct Polygon {
+    size_t first;  // triangle
+    size_t triangles;
+  };
+  std::vector<Polygon> polygons_;
+
+  void cutPolygons();
 };
 
 void readObj(std::string_view data, SurfaceBuilder& builder);

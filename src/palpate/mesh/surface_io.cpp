@@ -8,6 +8,7 @@
 #include <limits>
 
 #include "palpate/common/error.h"
+#include "palpate/mesh/polygon.h"
 #include "palpate/mesh/surface_formats.h"
 #include "palpate/mesh/surface_repair.h"
 #include "palpate/mesh/text_scanner.h"
@@ -40,6 +41,19 @@ void SurfaceBuilder::corner(long long index) {
 
 void SurfaceBuilder::endPolygon() {
   if (corners_ < 3) throw InputError(name_, "face at " + std::to_string(place_), "has fewer than three corners");
+  const auto triangles = static_cast<size_t>(corners_ - 2);
+  if (triangles > 1) polygons_.push_back({surface_.triangles.size() - triangles, triangles});
+}
+
+void SurfaceBuilder::cutPolygons() {
+  long long looks = kPolygonLooks;
+  std::vector<int> corners;
+  for (const Polygon& polygon : polygons_) {
+    std::array<int, 3>* const fan = surface_.triangles.data() + polygon.first;
+    corners.assign({fan[0][0], fan[0][1]});
+    for (size_t t = 0; t < polygon.triangles; ++t) corners.push_back(fan[t][2]);
+    cutPolygon(surface_.vertices, corners, looks, fan);
+  }
 }
 
 Surface SurfaceBuilder::finish() {
@@ -50,6 +64,7 @@ Surface SurfaceBuilder::finish() {
       if (v >= n)
         throw InputError(name_, "triangle " + std::to_string(t + 1),
                          "vertex index out of range: there are " + std::to_string(n) + " vertices");
+  cutPolygons();
   return std::move(surface_);
 }
 

@@ -23,10 +23,10 @@ inline bool canWrite(SurfaceFormat format) {
 
 /// Reads the triangles of an OBJ, STL (text or binary), PLY (text or binary) or OFF file as they stand; lengths as in
 /// the file. glTF 2.0 (text or binary): its default scene, turned from y up to z up; 3MF: what is to be built; both in
-/// meters, which these formats know. Polygons are cut into fans. STL vertices come three a triangle: see repairSurface.
-/// Throws InputError naming file, place and cause: missing, empty or truncated file, malformed or non-finite number,
-/// index out of range, no triangles, more than kLargestSurface triangles, a required extension of glTF that is not
-/// read.
+/// meters, which these formats know. Polygons are cut into triangles (polygon.h). STL vertices come three a triangle:
+/// see repairSurface. Throws InputError naming file, place and cause: missing, empty or truncated file, malformed or
+/// non-finite number, index out of range, no triangles, more than kLargestSurface triangles, a required extension of
+/// glTF that is not read.
 Surface readSurface(const std::string& path);
 /// The same from memory, where glTF has no other files; `name` is for messages.
 Surface readSurfaceFromMemory(std::string_view data, SurfaceFormat format, const std::string& name = "surface");
