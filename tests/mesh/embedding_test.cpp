@@ -210,6 +210,22 @@ TEST(EmbedSurface, OverlappingSolidsCountTheirVolumeOnce) {
   EXPECT_NEAR(report.overlap_share, lens / (2 * ball - lens), 0.02);
 }
 
+TEST(EmbedSurface, SolidsThatTouchAreOne) {
+  for (const auto& [size, count] : {std::pair(Vec3(0.05, 0.05, 0.004), 5), std::pair(Vec3(0.02, 0.02, 0.02), 2)}) {
+    Surface stack;
+    for (int k = 0; k < count; ++k) append(stack, boxSurface(size), Vec3(0, 0, k * size.z()));
+    EmbedReport report;
+    EmbedOptions options;
+    options.target_tetrahedra = 500;
+    const SimulationMesh m = embedSurface(stack, options, &report);
+    EXPECT_EQ(complaintsAbout(m), "");
+    EXPECT_EQ(report.solid_components, 1);
+    EXPECT_EQ(report.components, 1);
+    EXPECT_EQ(report.overlap_share, 0);
+    EXPECT_NEAR(report.mesh_volume, count * size.prod(), 1e-9 * size.prod());
+  }
+}
+
 TEST(EmbedSurface, NamesWhatIsTooThinAndChoosesACountThatCarriesIt) {
   const Surface plate = boxSurface(Vec3(0.1, 0.1, 0.005));
   EmbedReport report;

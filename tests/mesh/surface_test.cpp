@@ -157,6 +157,76 @@ TEST(Repair, TurnsASurfaceThatIsInsideOut) {
   EXPECT_EQ(fixed.report.flipped_triangles, 12);
 }
 
+/// Boxes side by side, each closed, on a grid of so many.
+Surface stacked(const Vec3& size, const std::array<int, 3>& count) {
+  Surface all;
+  for (int i = 0; i < count[0]; ++i)
+    for (int j = 0; j < count[1]; ++j)
+      for (int k = 0; k < count[2]; ++k) {
+        // The triangles of opposite faces match.
+        const int first = static_cast<int>(all.vertices.size());
+        for (int v = 0; v < 8; ++v)
+          all.vertices.push_back(size.cwiseProduct(Vec3(i + v % 2, j + v / 2 % 2, k + v / 4)));
+        for (const auto& t : std::vector<std::array<int, 3>>{{0, 2, 3},
+                                                             {0, 3, 1},
+                                                             {4, 7, 6},
+                                                             {4, 5, 7},
+                                                             {0, 5, 4},
+                                                             {0, 1, 5},
+                                                             {2, 6, 7},
+                                                             {2, 7, 3},
+                                                             {0, 4, 6},
+                                                             {0, 6, 2},
+                                                             {1, 7, 5},
+                                                             {1, 3, 7}})
+          all.triangles.push_back({first + t[0], first + t[1], first + t[2]});
+      }
+  return all;
+}
+
+TEST(Repair, SolidsThatTouchAreOne) {
+  const Vec3 size(0.05, 0.04, 0.004);
+  for (const std::array<int, 3>& count : {std::array{1, 1, 1}, std::array{2, 1, 1}, std::array{1, 1, 5},
+                                          std::array{1, 2, 2}, std::array{2, 2, 2}, std::array{3, 3, 3}}) {
+    const RepairedSurface fixed = repairSurface(stacked(size, count));
+    const Vec3 whole = size.cwiseProduct(Vec3(count[0], count[1], count[2]));
+    const SurfaceMeasures m = measureSurface(fixed.surface);
+    EXPECT_TRUE(fixed.report.topology.closed());
+    EXPECT_EQ(fixed.report.topology.euler, 2);
+    EXPECT_EQ(fixed.report.flipped_triangles, 0);
+    EXPECT_NEAR(m.volume / whole.prod(), 1, 1e-12);
+    EXPECT_NEAR(m.area / (2 * (whole.x() * whole.y() + whole.y() * whole.z() + whole.z() * whole.x())), 1, 1e-12);
+    EXPECT_NO_THROW(requireSolid(fixed.surface, "boxes"));
+  }
+}
+
+TEST(Repair, OfTrianglesThatComeBothWaysRoundOneStaysWhereTheSurfaceNeedsIt) {
+  const Surface box = stacked(Vec3::Ones(), {1, 1, 1});
+  const auto turned = [](std::array<int, 3> t) {
+    std::swap(t[1], t[2]);
+    return t;
+  };
+  // One face, all of them, and a leaf that stands on an edge.
+  for (const size_t count : {size_t{1}, size_t{4}, box.triangles.size()}) {
+    Surface both = box;
+    for (size_t t = 0; t < count; ++t) both.triangles.push_back(turned(box.triangles[t]));
+    const RepairedSurface fixed = repairSurface(both);
+    EXPECT_EQ(fixed.report.duplicate_triangles, static_cast<int>(count));
+    EXPECT_EQ(fixed.surface.triangles, box.triangles);
+  }
+  Surface leafy = box;
+  leafy.vertices.push_back(Vec3(0.5, 0, -1));
+  leafy.triangles.push_back({0, 1, 8});
+  leafy.triangles.push_back({0, 8, 1});
+  EXPECT_EQ(repairSurface(leafy).report.duplicate_triangles, 1);
+  // A face between boxes, of which one is there twice.
+  Surface thrice = stacked(Vec3::Ones(), {2, 1, 1});
+  for (size_t t = 0; t < 12; ++t) thrice.triangles.push_back(thrice.triangles[t]);
+  const RepairedSurface fixed = repairSurface(thrice);
+  EXPECT_TRUE(fixed.report.topology.closed());
+  EXPECT_NEAR(measureSurface(fixed.surface).volume, 2, 1e-12);
+}
+
 TEST(Repair, RequireSolidRefusesSheets) {
   Surface sheet{{Vec3(0, 0, 0), Vec3(1, 0, 0), Vec3(0, 1, 0), Vec3(1, 1, 0)}, {{0, 1, 2}, {1, 3, 2}}};
   EXPECT_THROW(requireSolid(sheet, "sheet"), InputError);

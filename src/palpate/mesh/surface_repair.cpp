@@ -67,39 +67,95 @@ double doubleArea(const Surface& s, const std::array<int, 3>& t) {
   return (s.vertices[static_cast<size_t>(t[1])] - a).cross(s.vertices[static_cast<size_t>(t[2])] - a).norm();
 }
 
-void dropBadTriangles(Surface& surface, double diagonal, RepairReport& report) {
-  std::vector<std::array<int, 3>> kept;
-  kept.reserve(surface.triangles.size());
-  for (const auto& t : surface.triangles) {
-    const bool same = t[0] == t[1] || t[1] == t[2] || t[2] == t[0];
-    // Collinear corners may hold the surface together (a T-junction's filler), so only what has no length goes.
-    if (same || !(doubleArea(surface, t) >= 0) || !(diagonal > 0)) {
-      ++report.degenerate_triangles;
-    } else {
-      kept.push_back(t);
-    }
-  }
-  std::vector<int> order(kept.size());
+bool isDegenerate(const Surface& surface, const std::array<int, 3>& t) {
+  // Collinear corners may hold the surface together (a T-junction's filler), so only what has no length goes.
+  return t[0] == t[1] || t[1] == t[2] || t[2] == t[0] || !(doubleArea(surface, t) >= 0);
+}
+
+/// Triangles on the same three corners as another one, that run around like it or the other way.
+struct Repeated {
+  std::vector<char> again;     ///< same corners as an earlier one
+  std::vector<char> opposite;  ///< of those left, such that one of those that go ran the other way
+};
+
+Repeated repeatedTriangles(const std::vector<std::array<int, 3>>& triangles) {
+  std::vector<int> order(triangles.size());
   for (size_t i = 0; i < order.size(); ++i) order[i] = static_cast<int>(i);
-  std::vector<std::array<int, 3>> keys = kept;
-  for (auto& key : keys) std::sort(key.begin(), key.end());
+  std::vector<std::array<int, 3>> keys = triangles;
+  std::vector<char> even(triangles.size());
+  for (size_t i = 0; i < keys.size(); ++i) {
+    const auto& t = triangles[i];
+    even[i] = static_cast<char>((t[0] < t[1]) ^ (t[1] < t[2]) ^ (t[2] < t[0]));
+    std::sort(keys[i].begin(), keys[i].end());
+  }
   std::sort(order.begin(), order.end(), [&](int a, int b) {
     const auto& ka = keys[static_cast<size_t>(a)];
     const auto& kb = keys[static_cast<size_t>(b)];
     return ka < kb || (ka == kb && a < b);
   });
-  std::vector<char> duplicate(kept.size(), 0);
-  for (size_t i = 1; i < order.size(); ++i)
-    duplicate[static_cast<size_t>(order[i])] =
-        keys[static_cast<size_t>(order[i])] == keys[static_cast<size_t>(order[i - 1])];
-  surface.triangles.clear();
-  for (size_t i = 0; i < kept.size(); ++i) {
-    if (duplicate[i]) {
-      ++report.duplicate_triangles;
+  Repeated repeated{std::vector<char>(triangles.size(), 0), std::vector<char>(triangles.size(), 0)};
+  size_t first = 0;
+  for (size_t i = 1; i < order.size(); ++i) {
+    const auto t = static_cast<size_t>(order[i]);
+    const auto kept = static_cast<size_t>(order[first]);
+    if (keys[t] == keys[kept]) {
+      repeated.again[t] = 1;
+      if (even[t] != even[kept]) repeated.opposite[kept] = 1;
     } else {
-      surface.triangles.push_back(kept[i]);
+      first = i;
     }
   }
+  return repeated;
+}
+
+/// Which of the walls, triangles that come both ways round, lie between solids that touch there, and are to go. Walls
+/// that share edges are one sheet. A sheet goes where the triangles around it are closed without it: they come to its
+/// edges in even numbers. A leaf whose every triangle is there for either side stays, and what closes a hole.
+std::vector<char> innerWalls(const Surface& surface, const std::vector<char>& wall) {
+  const std::vector<EdgeUse> edges = edgeTable(surface);
+  DisjointSets sheets(static_cast<int>(surface.triangles.size()));
+  const auto isWall = [&](const EdgeUse& use) { return wall[static_cast<size_t>(use.triangle)] != 0; };
+  forEachEdge(edges, [&](const EdgeUse* first, const EdgeUse* last) {
+    const EdgeUse* const one = std::find_if(first, last, isWall);
+    for (const EdgeUse* use = one; use != last; ++use)
+      if (isWall(*use)) sheets.unite(one->triangle, use->triangle);
+  });
+  // By sheet, how many edges are closed without it, less those that are not.
+  std::vector<int> closed(surface.triangles.size(), 0);
+  forEachEdge(edges, [&](const EdgeUse* first, const EdgeUse* last) {
+    const auto walls = std::count_if(first, last, isWall);
+    const auto others = last - first - walls;
+    if (walls == 0 || (walls > 1 && others == 0)) return;
+    const int sheet = sheets.find(std::find_if(first, last, isWall)->triangle);
+    closed[static_cast<size_t>(sheet)] += others > 0 && others % 2 == 0 ? 1 : -1;
+  });
+  std::vector<char> inner(surface.triangles.size(), 0);
+  for (size_t t = 0; t < inner.size(); ++t)
+    inner[t] = wall[t] != 0 && closed[static_cast<size_t>(sheets.find(static_cast<int>(t)))] > 0;
+  return inner;
+}
+
+/// Leaves out triangles that are marked; returns how many.
+template <class T>
+int leaveOut(std::vector<T>& list, const std::vector<char>& marked) {
+  size_t kept = 0;
+  for (size_t i = 0; i < list.size(); ++i)
+    if (!marked[i]) list[kept++] = list[i];
+  const auto gone = static_cast<int>(list.size() - kept);
+  list.resize(kept);
+  return gone;
+}
+
+void dropBadTriangles(Surface& surface, double diagonal, RepairReport& report) {
+  std::vector<char> bad;
+  bad.reserve(surface.triangles.size());
+  for (const auto& t : surface.triangles) bad.push_back(!(diagonal > 0) || isDegenerate(surface, t));
+  report.degenerate_triangles += leaveOut(surface.triangles, bad);
+  Repeated repeated = repeatedTriangles(surface.triangles);
+  report.duplicate_triangles += leaveOut(surface.triangles, repeated.again);
+  leaveOut(repeated.opposite, repeated.again);
+  if (std::find(repeated.opposite.begin(), repeated.opposite.end(), 1) == repeated.opposite.end()) return;
+  report.duplicate_triangles += leaveOut(surface.triangles, innerWalls(surface, repeated.opposite));
 }
 
 /// Neighbors across edges with exactly two triangles, and whether the pair disagrees in orientation.
