@@ -42,7 +42,8 @@ def size(force):
 
 def never_case(name):
     def run(context):
-        context.succeeds(["run", context.scene(name), "--pictures", "0", "--out", context.out], timeout=280)
+        output = context.succeeds(["run", context.scene(name), "--pictures", "0", "--out", context.out], timeout=280)
+        expect("out of the ordinary" not in output, f"something was out of the ordinary: {output}")
         flags = context.summary()["haptic"]["flags"]
         for flag in ("oscillation", "calmed", "device_lost", "gate_closed", "button_released", "outside_workspace"):
             expect(flags[flag] == 0, f"{flags[flag]} ticks with {flag}")

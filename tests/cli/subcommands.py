@@ -163,6 +163,70 @@ def run_takes_the_options_of_the_command_line(context):
     expect(summary["visual"]["step_s"] == 0.01 and summary["visual"]["steps"] == 20, f"visual: {summary['visual']}")
 
 
+# A soft pad rubs on a soft slab; a rigid plate lies on a log.
+STIFF_DEVICE = ("device: {type: prescribed, limits: {peak_force: 1000, continuous_force: 1000, peak_torque: 100, "
+                "stiffness: 2000, damping: 10, rotational_stiffness: 5, rotational_damping: 0.02}}\n")
+PAD = STIFF_DEVICE + """palpate: 1
+name: pad
+duration: 2.1
+tool:
+  shape: {bar: {size: [0.009, 0.009, 0.003], cells: [3, 3, 1]}}
+  pose: {position: [0, 0, 0.0008]}
+  material: {youngs_modulus: 1.0e4, poisson_ratio: 0, density: 300, damping_beta: 0.002}
+  handles:
+    top:
+      region: {halfspace: {point: [0, 0, 0.00225], normal: [0, 0, 1]}}
+      hand:
+        smooth: false
+        keyframes:
+          - {t: 0.2}
+          - {t: 0.8, position: [0, 0, -0.0015]}
+          - {t: 1.0, position: [0, 0, -0.0015]}
+          - {t: 1.5, position: [0, 0.0016, -0.0015]}
+          - {t: 1.8, position: [0, 0, -0.0015]}
+bodies:
+  - name: slab
+    shape: {bar: {size: [0.025, 0.02, 0.0065], cells: [5, 4, 2]}}
+    pose: {position: [0, 0, -0.0066]}
+    material: {youngs_modulus: 2.0e5, poisson_ratio: 0.45, density: 1000, damping_beta: 0.003}
+    start: settled
+obstacles: [{name: ground, plane: {point: [0, 0, -0.0066]}}]
+contact: {friction: 0}
+"""
+PLATE = STIFF_DEVICE + """palpate: 1
+name: plate
+duration: 2
+tool:
+  shape: {box: {size: [0.1, 0.06, 0.04]}}
+  rigid: true
+  pose: {position: [0, 0, 0.003]}
+  handles: {center: {hand: {smooth: false, keyframes: [{t: 0.2}, {t: 1.2, position: [0, 0, -0.01]}]}}}
+obstacles: [{name: log, capsule: {a: [0, -0.3, -0.05], b: [0, 0.3, -0.05], radius: 0.05}}]
+contact: {friction: 0.5}
+"""
+
+
+@case
+def run_says_what_was_out_of_the_ordinary(context):
+    """In one row, with the summary's numbers; a quiet run has no such row. With a slew limit that is low there is one."""
+    slow = "safety: {max_slew: 3}\n"
+    for scene, step, expected in ((PAD, 0.01, ""), (PAD + slow, 0.01, "change of force limited"), (PAD, 0.02, None),
+                                  (PLATE, 0.005, None)):
+        output = context.succeeds(["run", context.file("scene.yaml", scene), "--visual-dt", step, "--pictures", "0",
+                                   "--out", context.out])
+        summary = context.summary()
+        flags, made = summary["haptic"]["flags"], summary["visual"]["energy_made_J"]
+        parts = [f"{text} {flags[flag]}" for flag, text in
+                 (("model_rejected", "models refused"), ("model_damped", "models slowed"),
+                  ("proxy_limited", "proxy at its limit"), ("slew_limited", "change of force limited")) if flags[flag]]
+        if made > 1e-3:
+            parts.append(f"steps made {1e3 * made:.3g} mJ")
+        rows = re.findall(r"(?m)^! out of the ordinary, ticks +(.*?) *$", output)
+        expect(rows == ([", ".join(parts)] if parts else []), f"{parts} came up, and the table says {rows}")
+        if expected is not None:
+            expect(expected in "".join(rows) and bool(rows) == bool(expected), f"{rows} and not '{expected}'")
+
+
 @case
 def run_replaces_an_earlier_result(context):
     run_press(context)

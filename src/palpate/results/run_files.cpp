@@ -23,6 +23,7 @@
 namespace palpate {
 namespace {
 
+constexpr double kMuchMade = 1e-3;     // energy made by the steps that is worth saying [J]
 constexpr double kMuchClamped = 0.01;  // share of the ticks that is worth saying
 constexpr double kMuchStale = 0.01;    // share of the ticks from which on a row is red; likewise below
 constexpr double kMuchMissed = 0.01;
@@ -530,6 +531,7 @@ struct RunFiles::Impl {
         "us");
     addTimeRows(outcome);
     addSafetyRows(outcome);
+    addUnusualRow(outcome);
     add("contacts carrying force, most", fmt::format("{:.0f}", maxOf(active)), "");
     add("deepest penetration", plain({maxOf(penetration_mm)}), "mm");
     add("force on the hand: peak, RMS",
@@ -558,6 +560,20 @@ struct RunFiles::Impl {
     addTime(TickFlag::button_released, "dead-man button not pressed, force away", false);
     addTime(TickFlag::outside_workspace, "out of the workspace, force away", false);
     addTime(TickFlag::gate_closed, "start gate closed, force away", false);
+  }
+
+  // One row, and none for a run in which nothing of it came up.
+  void addUnusualRow(const RunOutcome& outcome) {
+    std::vector<std::string> parts;
+    const auto count = [&](TickFlag flag, const char* text) {
+      if (outcome.counters[flag] > 0) parts.push_back(fmt::format("{} {}", text, outcome.counters[flag]));
+    };
+    count(TickFlag::model_rejected, "models refused");
+    count(TickFlag::model_damped, "models slowed");
+    count(TickFlag::proxy_limited, "proxy at its limit");
+    count(TickFlag::slew_limited, "change of force limited");
+    if (energy_made > kMuchMade) parts.push_back(fmt::format("steps made {:.3g} mJ", 1e3 * energy_made));
+    if (!parts.empty()) add("out of the ordinary, ticks", fmt::format("{}", fmt::join(parts, ", ")), "", true);
   }
 
   // How well the run kept its time.
