@@ -76,10 +76,10 @@ struct EdgeEdge {
   Approach impact(const SegmentPair& q, double travel, double until) const;
   bool chooseTime(const SegmentPair& at_end, SegmentPair& q, FeaturePair& pair) const;
   void describe(const SegmentPair& q, FeaturePair& pair) const;
+  bool standsOut(const SegmentPair& p, double t) const;
 
  private:
   Vec3 touchingNormal(double t) const;
-  bool standsOut(const SegmentPair& p, double t) const;
   bool redundantHit(const SegmentPair& p, double t) const;
 };
 
@@ -172,6 +172,11 @@ void EdgeEdge::describe(const SegmentPair& q, FeaturePair& pair) const {
 }
 
 }  // namespace
+
+bool isNearestEdgeEdge(const PairSearch& s, int edge_a, int edge_b) {
+  const EdgeEdge edges{s, edge_a, edge_b};
+  return edges.standsOut(edges.closest(0), 0);
+}
 
 void testEdgeEdge(PairSearch& s, int edge_a, int edge_b) {
   const EdgeEdge edges{s, edge_a, edge_b};

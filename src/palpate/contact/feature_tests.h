@@ -54,6 +54,8 @@ struct VertexFaces {
   bool chooseTime(int v, int face, const TrianglePoint& at_end, TrianglePoint& q, FeaturePair& pair) const;
   bool doubled(int v, int face, const TrianglePoint& q, double t, bool vertex_first) const;
   void describe(int v, int face, const TrianglePoint& q, FeaturePair& pair) const;
+  /// Worth a pair at time t, which is not an impact.
+  bool nearest(int v, int face, const TrianglePoint& q, double t) const;
 
  private:
   Approach leaving(int v, int face, const TrianglePoint& q) const;
@@ -62,7 +64,6 @@ struct VertexFaces {
   bool neighborNearer(int v, int face, const TrianglePoint& q, double t) const;
   bool neighborHitFirst(int v, int face, const TrianglePoint& q, double toi) const;
   bool besideEdge(int v, int face, const TrianglePoint& q, double t) const;
-  bool nearest(int v, int face, const TrianglePoint& q, double t) const;
 };
 
 }  // namespace palpate

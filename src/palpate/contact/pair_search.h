@@ -79,5 +79,8 @@ struct PairSearch {
 /// @param owner         triangle that owns the vertex
 void testVertexFace(PairSearch& s, bool vertex_first, int vertex, int owner, int face);
 void testEdgeEdge(PairSearch& s, int edge_a, int edge_b);
+/// Whether two features are where the surfaces are nearest to each other at the start, as those of a reported pair.
+bool isNearestVertexFace(const PairSearch& s, bool vertex_first, int vertex, int face);
+bool isNearestEdgeEdge(const PairSearch& s, int edge_a, int edge_b);
 
 }  // namespace palpate

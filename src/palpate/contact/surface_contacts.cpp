@@ -551,6 +551,23 @@ void SurfaceContacts::follow(const Contact& earlier, const ContactSettings& sett
   add(ia, ib, pair, settings, friction(id(a), id(b)), false, out);
 }
 
+bool SurfaceContacts::isNearest(const Contact& earlier, const ContactSettings& settings) {
+  const ContactFeatures& f = earlier.features;
+  if (f.first < 0) return false;
+  const Item& a = items_[static_cast<std::size_t>(f.first_surface)];
+  const Item& b = items_[static_cast<std::size_t>(f.second_surface)];
+  const FeaturePair pair = pairAtStart(f, a, b);
+  const auto placeAround = [](const Item& item, const std::array<int, 3>& vertices) {
+    for (const int v : vertices) {
+      if (v < 0) continue;
+      for (const int t : item.surface.trianglesAtVertex(v)) place(item, item.surface.triangles()[t]);
+    }
+  };
+  placeAround(a, pair.first_vertex);
+  placeAround(b, pair.second_vertex);
+  return finder_.isNearest(a.surface, b.surface, &a == &b ? &a.exclusion : nullptr, settings.surfaceReach(), pair);
+}
+
 FixedFeature SurfaceContacts::fixedFeature(const Contact& contact) const {
   const ContactFeatures& f = contact.features;
   FixedFeature out;

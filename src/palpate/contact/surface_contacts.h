@@ -84,6 +84,9 @@ class SurfaceContacts {
   /// around a place is nearest changes from step to step; keeping those that carried force keeps the force steady.
   void follow(const Contact& earlier, const ContactSettings& settings, const FrictionTable& friction,
               std::vector<Contact>& out);
+  /// Whether those features still are where the surfaces are nearest to each other. What slides along the other leaves
+  /// that place, and the line between the features then leans over.
+  bool isNearest(const Contact& earlier, const ContactSettings& settings);
   /// Which obstacle a surface is; -1: a body's.
   int obstacleOf(int surface) const { return items_[static_cast<std::size_t>(surface)].obstacle; }
   FixedFeature fixedFeature(const Contact& contact) const;

@@ -40,6 +40,15 @@ void SurfacePairFinder::findSelf(const CollisionSurface& a, const SelfExclusion&
   search(s);
 }
 
+bool SurfacePairFinder::isNearest(const CollisionSurface& a, const CollisionSurface& b, const SelfExclusion* exclusion,
+                                  double reach, const FeaturePair& pair) const {
+  const PairSearch s{a, b, exclusion, settings_, reach, nullptr};
+  if (pair.kind == FeaturePair::Kind::edge_edge) return isNearestEdgeEdge(s, pair.first_feature, pair.second_feature);
+  const bool vertex_first = pair.kind == FeaturePair::Kind::vertex_face;
+  return isNearestVertexFace(s, vertex_first, vertex_first ? pair.first_feature : pair.second_feature,
+                             vertex_first ? pair.second_feature : pair.first_feature);
+}
+
 void SurfacePairFinder::search(PairSearch& s) {
   const double extent = std::max(s.a.bounds().extent, s.b.bounds().extent);
   s.box_reach = static_cast<float>(s.reach * (1 + 1e-6)) + 1e-6f * static_cast<float>(extent);

@@ -45,6 +45,12 @@ class SurfacePairFinder {
   void findSelf(const CollisionSurface& a, const SelfExclusion& exclusion, double reach, std::vector<FeaturePair>& out,
                 PairFront* front = nullptr);
 
+  /// Whether the features of a pair are still where two surfaces, or one, are nearest to each other at the start. Their
+  /// vertices, and those that share a triangle with them, must be placed.
+  /// @param exclusion  of a pair within one surface, else null
+  bool isNearest(const CollisionSurface& a, const CollisionSurface& b, const SelfExclusion* exclusion, double reach,
+                 const FeaturePair& pair) const;
+
   /// Gives up searches once more pairs of clusters meet, those of all of them from now on counted together: where the
   /// motion is so wild that all may meet all. What was found is then not complete.
   void allow(double clusters) {

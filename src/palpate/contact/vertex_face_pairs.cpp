@@ -118,7 +118,6 @@ bool VertexFaces::besideEdge(int v, int face, const TrianglePoint& q, double t) 
   return false;
 }
 
-// Worth a pair at time t, which is not an impact.
 bool VertexFaces::nearest(int v, int face, const TrianglePoint& q, double t) const {
   return !neighborNearer(v, face, q, t) && !besideEdge(v, face, q, t);
 }
@@ -195,6 +194,11 @@ void setSides(FeaturePair& pair, const Side& first, const Side& second) {
 }
 
 }  // namespace
+
+bool isNearestVertexFace(const PairSearch& s, bool vertex_first, int vertex, int face) {
+  const VertexFaces faces{s, vertex_first ? s.a : s.b, vertex_first ? s.b : s.a};
+  return faces.nearest(vertex, face, faces.closest(vertex, face, 0), 0);
+}
 
 void testVertexFace(PairSearch& s, bool vertex_first, int vertex, int owner, int face) {
   const VertexFaces faces{s, vertex_first ? s.a : s.b, vertex_first ? s.b : s.a};

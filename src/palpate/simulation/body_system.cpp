@@ -608,6 +608,11 @@ Vec6 BodySystem::wrenchOnHandle(const BodyState& end) const {
   return wrench - model_->elasticity().material().damping_beta / c_ * (a_th_.transpose() * (v_end_ - carried_));
 }
 
+Vec3 BodySystem::leadingForce(const BodyState& end) const {
+  const Vec3 gained = (end.handle.twist - start_.twist).head<3>() / input_.step;
+  return handle().mass * (gained - input_.gravity) - wrenchOnHandle(end).head<3>();
+}
+
 bool BodySystem::advance() {
   if (!endIsFinite()) return false;
   BodyState& state = *state_;

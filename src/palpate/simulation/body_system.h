@@ -178,6 +178,9 @@ class BodySystem {
   /// Wrench of the tool on a handle that follows a path, elastic and damping, at the end of the step, and of contact on
   /// the handle itself [N; N m], about its origin, world; from the forces that elasticEnergy() found there.
   Vec6 wrenchOnHandle(const BodyState& end) const;
+  /// What who leads the handle along a path pushes it with: against the tool, and for its own weight and what it gains
+  /// in speed, which a link would have to bring too [N], world.
+  Vec3 leadingForce(const BodyState& end) const;
   /// What each attachment did to the body in the step that was just taken: with gravity, link and contact impulses it
   /// makes up the change of the body's momentum. In the order of the model's attachments.
   std::vector<AttachmentForce> attachmentForces() const;

@@ -330,7 +330,7 @@ bool World::tryStep(const StepInput& input, double share, bool last, StepReport&
   StepWork work;
   for (int i = 0; i < bodies(); ++i) work += workOn(*systems_[i], state_.bodies[i]);
   const double made = energyMade(startEnergy(before, report), energy_, work, share);
-  const bool forced = input.followed.on && systems_[tool_]->wrenchOnHandle(state_.bodies[tool_]).head<3>().norm() >
+  const bool forced = input.followed.on && systems_[tool_]->leadingForce(state_.bodies[tool_]).norm() >
                                                input.followed.largest_force;
   if (!last && (forced || made > share * kEnergyFloor)) {
     for (const auto& system : systems_) system->retreat();
@@ -518,7 +518,7 @@ void World::nearSurfaces(const ToolMotion& tool, double ahead, std::vector<Conta
   std::sort(found.begin(), found.end());
   for (const Contact& c : state_.contacts.loaded) {
     if (c.first.body < 0 || c.second.body < 0 || (c.first.body != tool_ && c.second.body != tool_)) continue;
-    if (std::binary_search(found.begin(), found.end(), c.key)) continue;
+    if (std::binary_search(found.begin(), found.end(), c.key) || !surfaces_.isNearest(c, contact)) continue;
     surfaces_.follow(c, contact, friction_, out);
   }
 }
