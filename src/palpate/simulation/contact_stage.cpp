@@ -15,6 +15,8 @@ constexpr int kLastNew = 8;               // as many times as many new places as
 constexpr double kLeastOperations = 1e6;  // of a solve, also where nothing is left: a tenth of a millisecond
 constexpr double kDeep = 0.5;             // thicknesses below a plane at which a motion is cut short
 constexpr double kLargestArc = 5.0;       // thicknesses by which a gap is corrected for what turns
+constexpr double kLittle = 0.5;           // thicknesses that surfaces may lack of the gap that they keep
+constexpr double kRecovery = 0.033;       // [s] in which they get it back
 constexpr double kStill = 1e-3;           // thicknesses by which a pass that changes nothing moves a node
 
 const ContactFinder& finderOf(const BodySystem& body) { return body.model().contactFinder(); }
@@ -352,11 +354,16 @@ void ContactStage::addViolated(const MovingBodies& bodies, const ContactSettings
 }
 
 // Deep overlap is undone at a bounded speed: without the cap a start 1 cm deep would leave at 0.3 m/s, or 10 m/s where
-// steps are short.
+// steps are short. What is a little nearer than the gap that surfaces keep, as a new pair of features may be, has time:
+// undone within one short step it would be a kick, and the harder the shorter the step.
 void ContactStage::capRecovery(double h, double speed) {
-  for (Contact& c : set_.contacts) {
-    if (c.glued() || c.gap >= -speed * h) continue;
-    c.gap = -speed * h;
+  for (std::size_t i = 0; i < set_.contacts.size(); ++i) {
+    Contact& c = set_.contacts[i];
+    if (c.glued() || changed_[i] == 0 || c.gap >= 0) continue;
+    const double little = std::min(-c.gap, kLittle * c.thickness);
+    const double gap = std::max(c.gap + std::max(0.0, 1.0 - h / kRecovery) * little, -speed * h);
+    if (gap == c.gap) continue;
+    c.gap = gap;
     c.capped = true;
   }
 }
