@@ -78,6 +78,8 @@ Situation onRigidBox(bool slide) {
   s.world.add(heldCubeBody(0.0305));
   const Pose pose{Vec3(0.03, 0.03, 0.015), Quat::Identity()};
   s.world.add(BodyModel::rigid("box", placed(boxSurface({0.06, 0.06, 0.03}, {2, 2, 1}), pose), 800));
+  // it sticks with room to spare: how friction is shared out under its corners is anybody's choice
+  s.world.setFriction(1, FrictionTable::obstacle(0), 10.0);
   return s;
 }
 
@@ -231,7 +233,8 @@ TEST_P(BodyContact, AgreesWithCentralDifferences) {
     const ContactSet& set = world.contacts();
     EXPECT_GE(count(set, !slide), 1) << count(set, slide) << " others, of " << set.active();
     if (test.capped) {
-      EXPECT_TRUE(std::any_of(set.contacts.begin(), set.contacts.end(), [](const Contact& c) { return c.capped; }));
+      EXPECT_TRUE(
+          std::any_of(set.contacts.begin(), set.contacts.end(), [](const Contact& c) { return c.follows == 0; }));
     }
     EXPECT_LT(check.force_error, 1e-8);
     if (derivative == Derivative::frozen) {

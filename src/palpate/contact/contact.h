@@ -60,8 +60,8 @@ struct Contact {
   Vec3 normal;    ///< unit, from second to first
   Vec3 tangent1;  ///< unit; the linearized cone's first vertex lies along it
   Vec3 tangent2;
-  double gap = 0;       ///< at the start of the step, linearized along the normal [m]
-  bool capped = false;  ///< gap is not the true one but what may be recovered in a step: it does not follow the pose
+  double gap = 0;      ///< at the start of the step, linearized along the normal [m]
+  double follows = 1;  ///< share of a change of the true gap that `gap` takes on: it may be what a step recovers
   std::array<double, 2> tangent_gap{};  ///< along the tangents, of what is glued [m]
   double friction = 0;                  ///< Coulomb coefficient
   std::uint64_t patch = 0;  ///< points of one patch move affinely against each other (as long as their normals agree)

@@ -109,7 +109,7 @@ void ContactFinder::find(int body, const VecX& x_start, const VecX& x_end, const
 Contact ContactFinder::follow(const Contact& earlier, const VecX& x_start, const VecX& x_end,
                               const std::vector<Obstacle>& obstacles) const {
   Contact c = earlier;
-  c.capped = false;
+  c.follows = 1;
   linearize(c, x_start, x_end, std::get<PlaneShape>(obstacles[static_cast<std::size_t>(c.partner)].shape));
   return c;
 }

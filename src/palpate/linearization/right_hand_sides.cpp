@@ -129,8 +129,8 @@ RightHandSides differentiateRightHandSides(const World& world, const ActiveConta
     out.given.setZero(active.list.rows(), 12);
     for (Eigen::Index r = 0; r < out.given.rows(); r += 3) {
       const Contact& c = world.contacts().contacts[active.list.contacts[r / 3]];
-      const Eigen::Index rows = c.capped ? 0 : c.glued() ? 3 : 1;
-      out.given.block(r, 0, rows, 6) = -active.handle.middleCols(r, rows).transpose() / h;
+      const Eigen::Index rows = c.glued() ? 3 : 1;
+      out.given.block(r, 0, rows, 6) = -c.follows / h * active.handle.middleCols(r, rows).transpose();
     }
   }
   if (settings.derivative == Derivative::full) addTurning(world, active, forces, out);

@@ -192,7 +192,7 @@ void ContactStage::takeGlued(const MovingBodies& bodies, const ContactInput& inp
     if (gap <= most) continue;
     c.gap *= most / gap;
     for (double& along : c.tangent_gap) along *= most / gap;
-    c.capped = true;
+    c.follows = 0;
   }
 }
 
@@ -360,11 +360,16 @@ void ContactStage::capRecovery(double h, double speed) {
   for (std::size_t i = 0; i < set_.contacts.size(); ++i) {
     Contact& c = set_.contacts[i];
     if (c.glued() || changed_[i] == 0 || c.gap >= 0) continue;
-    const double little = std::min(-c.gap, kLittle * c.thickness);
-    const double gap = std::max(c.gap + std::max(0.0, 1.0 - h / kRecovery) * little, -speed * h);
-    if (gap == c.gap) continue;
-    c.gap = gap;
-    c.capped = true;
+    const double share = std::min(1.0, h / kRecovery), little = kLittle * c.thickness;
+    if (-c.gap < little) {
+      c.gap *= share;
+      c.follows = share;
+    } else {
+      c.gap += (1.0 - share) * little;
+    }
+    if (c.gap >= -speed * h) continue;
+    c.gap = -speed * h;
+    c.follows = 0;
   }
 }
 

@@ -330,8 +330,8 @@ bool World::tryStep(const StepInput& input, double share, bool last, StepReport&
   StepWork work;
   for (int i = 0; i < bodies(); ++i) work += workOn(*systems_[i], state_.bodies[i]);
   const double made = energyMade(startEnergy(before, report), energy_, work, share);
-  const bool forced = input.followed.on && systems_[tool_]->leadingForce(state_.bodies[tool_]).norm() >
-                                               input.followed.largest_force;
+  const bool forced =
+      input.followed.on && systems_[tool_]->leadingForce(state_.bodies[tool_]).norm() > input.followed.largest_force;
   if (!last && (forced || made > share * kEnergyFloor)) {
     for (const auto& system : systems_) system->retreat();
     std::swap(state_.contacts, contacts_before_);

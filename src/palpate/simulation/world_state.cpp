@@ -12,7 +12,7 @@ namespace palpate {
 namespace {
 
 constexpr std::uint32_t kMagic = 0x54535050;  // "PPST"
-constexpr std::uint32_t kVersion = 6;
+constexpr std::uint32_t kVersion = 7;
 
 class Writer {
  public:
@@ -155,8 +155,7 @@ void fields(A& a, Contact& c) {
   fields(a, c.first);
   fields(a, c.second);
   for (Vec3* v : {&c.normal, &c.tangent1, &c.tangent2, &c.position}) fields(a, *v);
-  fields(a, c.capped);
-  for (double* d : {&c.gap, &c.friction, &c.end_gap, &c.thickness, &c.slack, &c.impact_time}) fields(a, *d);
+  for (double* d : {&c.gap, &c.follows, &c.friction, &c.end_gap, &c.thickness, &c.slack, &c.impact_time}) fields(a, *d);
   fields(a, c.patch);
   fields(a, c.partner);
 }

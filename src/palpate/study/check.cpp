@@ -409,13 +409,12 @@ class SlowStep {
       const Contact& c = set_.contacts[i];
       auto gap = g.segment<3>(static_cast<Eigen::Index>(3 * i));
       gap << c.gap, c.tangent_gap[0], c.tangent_gap[1];
-      if (c.capped) continue;
       for (const auto& [point, sign] : {std::pair(&c.first, 1.0), std::pair(&c.second, -1.0)}) {
         if (point->body != world_.toolIndex()) continue;
         for (int k = 0; k < point->count; ++k) {
           const Vec3 moved =
               x.segment<3>(3 * point->node[k]) - tool_.system.startPositions().segment<3>(3 * point->node[k]);
-          gap += sign * point->weight[k] * (c.frame() * moved);
+          gap += c.follows * sign * point->weight[k] * (c.frame() * moved);
         }
       }
     }
