@@ -123,8 +123,6 @@ INSTANTIATE_TEST_SUITE_P(Pairs, OnBody,
                                            Support{"rigid_on_rigid", Kind::rigid, Kind::rigid, 1e-5}),
                          [](const auto& param) { return std::string(param.param.name); });
 
-// Block thrown onto a slab that is free to slide: friction brakes the one by mu g and takes the other along by
-// mu g m1 / m2.
 // A tilted box falls by 2 mm on a ball and rocks: in short steps, too, the facets that it comes upon, which are a
 // little nearer than surfaces are to be, must not throw it.
 TEST(Facets, DoNotKickWhatRocksOnThem) {
@@ -148,6 +146,8 @@ TEST(Facets, DoNotKickWhatRocksOnThem) {
   }
 }
 
+// Block thrown onto a slab that is free to slide: friction brakes the one by mu g and takes the other along by
+// mu g m1 / m2.
 TEST(Incline, RigidBlockTakesAFreeSlabAlong) {
   World world;
   world.obstacles = {ground(0.0)};

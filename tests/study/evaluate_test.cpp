@@ -97,17 +97,31 @@ TEST(Live, GivesTheForceOfAGluedTool) {
   EXPECT_LE(live.error.rms_force, 0.4 * hsl.error.rms_force);
 }
 
-// Largest swing of a component of the force between two times [N].
-double swing(const SceneConfig& config, double from, double to) {
+// The force of a run between two times, tick by tick [N].
+std::vector<Vec3> forces(const SceneConfig& config, double from, double to) {
   BuiltScene scene = buildScene(config);
-  Vec3 least = Vec3::Constant(1e9), most = Vec3::Constant(-1e9);
+  std::vector<Vec3> out;
   RunSink sink;
   sink.tick = [&](const TickRecord& r) {
-    if (r.time < from || r.time >= to) return;
-    least = least.cwiseMin(r.raw.head<3>());
-    most = most.cwiseMax(r.raw.head<3>());
+    if (r.time >= from && r.time < to) out.push_back(r.raw.head<3>());
   };
   runLockstep(scene, timingOf(config), sink);
+  return out;
+}
+
+// The force of a whole run.
+std::vector<Vec3> forces(SceneConfig config, MethodName method) {
+  config.method = method;
+  return forces(config, 0.0, config.duration);
+}
+
+// Largest swing of a component of the force between two times [N].
+double swing(const SceneConfig& config, double from, double to) {
+  Vec3 least = Vec3::Constant(1e9), most = Vec3::Constant(-1e9);
+  for (const Vec3& f : forces(config, from, to)) {
+    least = least.cwiseMin(f);
+    most = most.cwiseMax(f);
+  }
   return (most - least).maxCoeff();
 }
 
@@ -192,17 +206,6 @@ TEST(Live, AFreeToolLandsAsInTheFineSimulation) {
   EXPECT_LE(row.hold.force, row.reference.force + 0.01);
   EXPECT_LE(row.hold.position, row.reference.position + 1e-4);
   EXPECT_NEAR(row.hold.given, row.reference.given, 0.002);
-}
-
-// The force of a run, tick by tick [N].
-std::vector<Vec3> forces(SceneConfig config, MethodName method) {
-  config.method = method;
-  BuiltScene scene = buildScene(config);
-  std::vector<Vec3> out;
-  RunSink sink;
-  sink.tick = [&](const TickRecord& r) { out.push_back(r.raw.head<3>()); };
-  runLockstep(scene, timingOf(config), sink);
-  return out;
 }
 
 constexpr const char* kStiffDevice = R"(
