@@ -175,7 +175,7 @@ void SurfacePairFinder::testTriangles(PairSearch& s, const Local& a, Details& da
   float apart = gapAlongNormal(s, da, s.b, tb);
   if (!(apart > s.box_reach)) {
     if (!db.plane_known) makePlane(s, s.b, tb, db);
-    apart = gapAlongNormal(s, db, s.a, ta);
+    apart = std::max(apart, gapAlongNormal(s, db, s.a, ta));
   }
   if (apart > s.box_reach) {
     s.noteDistance(apart);
@@ -189,12 +189,18 @@ void SurfacePairFinder::testTriangles(PairSearch& s, const Local& a, Details& da
     if (s.a.ownsCorner(ta, i) && s.meetClosely(da.corner[k], b.box)) testVertexFace(s, true, va[k], ta, tb);
     if (s.b.ownsCorner(tb, i) && s.meetClosely(db.corner[k], a.box)) testVertexFace(s, false, vb[k], tb, ta);
   }
+  const bool no_hits = !s.hitsWithin(apart);
   for (int i = 0; i < 3; ++i) {
     const auto k = static_cast<size_t>(i);
     if (!s.a.ownsEdge(ta, i) || !s.meetClosely(da.edge[k], b.box)) continue;
     for (int j = 0; j < 3; ++j) {
       const auto l = static_cast<size_t>(j);
-      if (s.b.ownsEdge(tb, j) && s.meetClosely(da.edge[k], db.edge[l])) testEdgeEdge(s, ea[k], eb[l]);
+      if (!s.b.ownsEdge(tb, j) || !s.meetClosely(da.edge[k], db.edge[l])) continue;
+      if (no_hits && (s.a.hollow(ea[k]) || s.b.hollow(eb[l]))) {
+        s.noteDistance(apart);
+      } else {
+        testEdgeEdge(s, ea[k], eb[l]);
+      }
     }
   }
 }

@@ -58,6 +58,12 @@ struct PairSearch {
   bool meetInTime(const MovingBox& p, const MovingBox& q) const;
   /// Distance at which a path counts as a hit [m].
   double hitDistance(double start_distance) const { return settings.hit_fraction * std::min(start_distance, reach); }
+  /// Whether what a plane keeps so far apart throughout the present piece of time can count as a hit that it has to
+  /// report: not if that is more than hitDistance() of any start, unless hits of the whole way are asked for now.
+  bool hitsWithin(float apart) const {
+    const auto least = static_cast<float>(settings.hit_fraction * reach);
+    return apart <= least + (box_reach - static_cast<float>(reach)) || (from <= 0 && to < 1);
+  }
   /// Of what starts so far apart only a hit in the present piece of time is to be reported now.
   bool onlyHits(double start_distance) const { return to < 1 && !(start_distance < reach); }
   /// Until when a hit matters.
