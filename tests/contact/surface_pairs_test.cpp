@@ -405,6 +405,37 @@ TEST(SurfacePairs, CrossedBarsTouchByTheirEdgesAlone) {
   EXPECT_GE(std::count_if(pairs.begin(), pairs.end(), [](const FeaturePair& p) { return p.hit; }), 4);
 }
 
+// A plate on a ridge, turned by half a milliradian, that drops onto it: its nearest place is at one rim, and the path
+// hits both. Who asks what is near now gets both, as they are now.
+TEST(SurfacePairs, AFaceOnARidgeHasBothItsEndsNow) {
+  CollisionSurface ridge(Surface{{{-0.05, 0, 0}, {0.05, 0, 0}, {0, 0.02, -0.03}, {0, -0.02, -0.03}},
+                                 {{0, 1, 2}, {1, 0, 3}, {0, 2, 3}, {1, 3, 2}}});
+  CollisionSurface plate(boxSurface(Vec3(0.04, 0.03, 0.01)));
+  const Mat3 turn = Eigen::AngleAxisd(5e-4, Vec3::UnitY()).toRotationMatrix();
+  const double half = -0.5 * (plate.rest()[0].z() + plate.rest().back().z());  // to its middle
+  place(plate, affine(turn, Vec3(0, 0, 0.0053 + half)), affine(turn, Vec3(0, 0, 0.0043 + half)));
+  const auto rims = [&](bool as_now) {
+    SurfacePairFinder finder;
+    finder.setAsNow(as_now);
+    std::vector<FeaturePair> pairs;
+    finder.find(plate, ridge, 1e-3, pairs);
+    std::set<long> out;
+    for (const auto& p : pairs) {
+      expectSound(p, plate, ridge, 1e-3);
+      const Vec3 x = weighted(p.first_vertex, p.first_weight, plate, p.reference_time);
+      if (as_now) {
+        EXPECT_FALSE(p.hit);
+        EXPECT_EQ(p.reference_time, 0);
+        EXPECT_NEAR(p.start_distance, 3e-4, 2e-5);
+      }
+      out.insert(std::lround(100 * x.x()));
+    }
+    return out;
+  };
+  EXPECT_TRUE(rims(true).count(-2) == 1 && rims(true).count(2) == 1);
+  EXPECT_FALSE(rims(false).empty());
+}
+
 TEST(SurfacePairs, SharpEdgesThatCross) {
   // two wedges, one turned upside down and across: their ridges cross at a distance of 0.2 mm
   const Surface wedge{{{-0.05, 0, 0}, {0.05, 0, 0}, {0, 0.02, -0.03}, {0, -0.02, -0.03}},

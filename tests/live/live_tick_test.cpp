@@ -221,6 +221,66 @@ TEST(LiveTick, APointTurnsOnARoundWallWithoutTorque) {
   }
 }
 
+// The model's one contact, of a rigid tool's place in its frame, with what is fixed.
+void touchAt(const Vec3& place, LiveModel& m) {
+  m.contacts = 1;
+  m.arm = place;
+  m.shape.resize(3, 0);
+  m.compliance = 1e-7 * Mat3::Identity();
+  m.tool_compliance = m.compliance;
+  m.damped_force.setZero(3);
+  m.contact_force.setZero(3);
+  m.curvature.resize(3, 0);
+}
+
+// A plate on a bar across: it slides by its own half length and stays where it is, though its place of the start is
+// then beside the bar. With a point alone it would sink by 15 mm.
+TEST(LiveTick, AFlatFaceSlidesOverWhatIsRound) {
+  LiveModel m = rigidTool(0.1);
+  touchAt(Vec3(0, 0, -0.01), m);
+  LiveSurface& s = m.surface[0];
+  s.kind = LiveSurface::Kind::capsule;
+  s.a = Vec3(0, -0.1, -0.03);
+  s.b = Vec3(0, 0.1, -0.03);
+  s.offset = 0.02;
+  s.flat_directions = 1;
+  s.flat[0] = {Vec3::UnitX(), -0.04, 0.04};
+  LiveTick tick;
+  LiveState state = startState(m);
+  LiveTickInput in = input();
+  in.link.rotational_stiffness = 1000;
+  Pose pose;
+  Vec6 u = Vec6::Zero();
+  double lowest = 0;
+  for (int k = 0; k < 200; ++k) {
+    in.device.position = Vec3(1e-4 * k, 0, -0.005);
+    u = tick.step(m, in, pose, u, state);
+    pose = advance(pose, in.dt * u);
+    lowest = std::min(lowest, pose.position.z());
+  }
+  EXPECT_GT(pose.position.x(), 0.019);
+  EXPECT_GT(lowest, -2e-5);
+  EXPECT_NEAR(state.contact_force[2], 700 * 0.005 + 0.1 * 9.81, 0.1);
+}
+
+// The model before pressed the handle into what is fixed: while it moves as recorded, a new model's contact has about
+// the force that would stop the tool, not one that nothing bounds.
+TEST(LiveTick, AReplayPressesARigidToolWithinBounds) {
+  LiveModel m = rigidTool(0.1);
+  touchAt(Vec3(0, 0, -0.05), m);
+  LiveTick tick;
+  LiveState state = startState(m);
+  const auto at = [](int k) {
+    PathPoint p;
+    p.index = k;
+    p.pose.position.z() = 0.05 - 2e-5 * k;
+    return p;
+  };
+  for (int k = 0; k < 50; ++k) tick.replay(m, 0.001, Vec3::Zero(), at(k), at(k + 1), state);
+  EXPECT_GT(state.contact_force[2], 1.0);
+  EXPECT_LT(state.contact_force.norm(), 0.1 * 2 * LiveTick::kRecoverySpeed / 0.001);
+}
+
 TEST(HandlePath, HoldsTheLastSecond) {
   HandlePath path;
   for (int k = 5; k < 3000; ++k) path.add({k, {Vec3(k, 0, 0), Quat::Identity()}, Vec6::Zero()});

@@ -241,6 +241,53 @@ contact: {friction: 1}
   EXPECT_LT((live.back() - hsl.back()).norm(), 0.5);
 }
 
+// A rigid plate is pressed on what is round or sharp, slid over it and turned. Where the two touch moves over the
+// plate: with a place that stays on it the tool sinks, and the models that press it out are refused. 7 N; half a newton
+// with hsl.
+TEST(Live, ARigidFaceSlidesOverWhatIsRoundOrSharp) {
+  struct Case {
+    const char* obstacle;
+    double force;  // N
+  };
+  for (const Case& c :
+       {Case{"capsule: {a: [0, -0.1, -0.02], b: [0, 0.1, -0.02], radius: 0.02}", 0.15},
+        {"sphere: {center: [0, 0, -0.02], radius: 0.02}", 0.1},
+        {"mesh: {shape: {revolution: {profile: [[0, -0.1], [0.02, -0.1], [0.02, 0.1], [0, 0.1]], "
+         "segments: 96}}, pose: {position: [0, 0, -0.02], rotation: [90, 0, 0]}}",
+         0.2},
+        {"box: {center: [0, 0, -0.0282843], half_extents: [0.02, 0.1, 0.02], rotation: [0, 45, 0]}", 0.1},
+        {"box: {center: [0, 0, -0.03], half_extents: [0.02, 0.02, 0.02], rotation: [37.5, -37.5, 15]}", 0.1}}) {
+    const SceneConfig config = readSceneFromString(std::string(R"(palpate: 1
+name: plate
+duration: 3.2
+tool:
+  rigid: true
+  density: 1000
+  shape: {box: {size: [0.08, 0.04, 0.02]}}
+  pose: {position: [0, 0, 0.002]}
+  handles:
+    grip:
+      hand:
+        keyframes:
+          - {t: 0.2}
+          - {t: 0.7, position: [0, 0, -0.01]}
+          - {t: 1.1, position: [0.02, 0, -0.01]}
+          - {t: 1.7, position: [-0.02, 0, -0.01], rotation: [3, 0, 0]}
+          - {t: 2.1, position: [0, 0, -0.01], rotation: [0, 12, 0]}
+          - {t: 2.6, position: [0.01, 0.01, -0.01], rotation: [0, -12, 10]}
+          - {t: 3.0, position: [0, 0, -0.01]}
+device: {type: prescribed, limits: {peak_force: 30, continuous_force: 30, peak_torque: 2}}
+contact: {friction: 0.2}
+obstacles: [{name: thing, )") + c.obstacle + "}]\n",
+                                                   "plate");
+    StudySettings settings;
+    settings.methods = {"live"};
+    settings.visual_steps = {0.033};
+    const SceneStudy study = evaluateScene(config, settings);
+    EXPECT_LE(study.rows[0].error.rms_force, c.force) << c.obstacle;
+  }
+}
+
 // A slab that nothing holds slides away under the tool, to its rim. Features that carried force are left behind there:
 // the line between them leans over, and would push the slab aside.
 TEST(Live, ASlabThatSlidesAwayIsNotPushedAside) {

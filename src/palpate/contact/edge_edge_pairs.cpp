@@ -6,21 +6,23 @@
 namespace palpate {
 namespace {
 
+constexpr double kNearlySquare = 0.1;  // sine of the angle by which a flat face may soon turn
+
 // How an edge's faces lie to the shortest line that leaves it along `outward` (unit).
 struct EdgeFaces {
   bool nearer = false;  // a face at the edge comes nearer than the edge
   bool flat = false;    // two faces, both square to the line
 };
-EdgeFaces edgeFaces(const CollisionSurface& s, int edge, double t, const Vec3& outward) {
+EdgeFaces edgeFaces(const CollisionSurface& s, int edge, double t, const Vec3& outward, double nearly_square = kFlat) {
   EdgeFaces result;
   int faces = 0, square = 0;
   for (const int f : s.edgeTriangles()[static_cast<size_t>(edge)]) {
     if (f < 0) continue;
     ++faces;
     const Vec3 inward = s.inward(edge, f, t);
-    const double rise = inward.dot(outward), limit = kFlat * inward.norm();
-    if (rise > limit) result.nearer = true;
-    if (std::abs(rise) <= limit) ++square;
+    const double rise = inward.dot(outward), size = inward.norm();
+    if (rise > nearly_square * size) result.nearer = true;
+    if (std::abs(rise) <= kFlat * size) ++square;
   }
   result.flat = faces == 2 && square == 2;
   return result;
@@ -115,7 +117,8 @@ Approach EdgeEdge::impact(const SegmentPair& q, double travel, double until) con
 bool EdgeEdge::standsOut(const SegmentPair& p, double t) const {
   if (!inside(p)) return false;
   const Vec3 n = normal(p, t);
-  const EdgeFaces fa = edgeFaces(s.a, edge_a, t, -n), fb = edgeFaces(s.b, edge_b, t, n);
+  const double square = s.settings.as_now ? kNearlySquare : kFlat;
+  const EdgeFaces fa = edgeFaces(s.a, edge_a, t, -n, square), fb = edgeFaces(s.b, edge_b, t, n, square);
   return !fa.nearer && !fb.nearer && !fa.flat && !fb.flat;
 }
 
@@ -193,7 +196,7 @@ void testEdgeEdge(PairSearch& s, int edge_a, int edge_b) {
   const Approach impact = edges.impact(q, travel, s.horizon(q.distance));
   // all that a hollow edge can be is hit
   if (!impact.reached && (s.onlyHits(q.distance) || s.a.hollow(edge_a) || s.b.hollow(edge_b))) return;
-  pair.hit = impact.reached;
+  pair.hit = impact.reached && !(s.settings.as_now && q.distance < s.reach && edges.standsOut(q, 0));
   pair.toi = pair.hit ? impact.time : 1;
   const SegmentPair at_end = edges.closest(1);
   pair.end_distance = at_end.distance;

@@ -568,34 +568,35 @@ bool SurfaceContacts::isNearest(const Contact& earlier, const ContactSettings& s
   return finder_.isNearest(a.surface, b.surface, &a == &b ? &a.exclusion : nullptr, settings.surfaceReach(), pair);
 }
 
-FixedFeature SurfaceContacts::fixedFeature(const Contact& contact) const {
+SurfaceFeature SurfaceContacts::featureOn(int body, const Contact& contact) const {
   const ContactFeatures& f = contact.features;
-  FixedFeature out;
-  if (f.first < 0) return out;
-  const bool second = items_[f.second_surface].body < 0;
+  SurfaceFeature out;
+  if (f.first < 0 || f.first_surface == f.second_surface) return out;
+  const bool second = items_[f.second_surface].body == body;
   const Item& item = items_[second ? f.second_surface : f.first_surface];
-  if (item.body >= 0) return out;
+  if (item.body != body) return out;
   const CollisionSurface& surface = item.surface;
   out.surface = &surface;
   const int feature = second ? f.second : f.first;
-  const auto mean = [&](const auto& vertices) {
-    Vec3 sum = Vec3::Zero();
-    for (const int v : vertices) sum += surface.start[v];
-    return Vec3(sum / static_cast<double>(vertices.size()));
+  const auto addCorners = [&](const auto& vertices) {
+    for (const int v : vertices) {
+      surface.placeStart(v);
+      out.corners.push_back(surface.start[v]);
+    }
   };
   const auto kind = static_cast<FeaturePair::Kind>(f.kind);
   if (kind == FeaturePair::Kind::edge_edge) {
     for (const int t : surface.edgeTriangles()[feature]) {
       if (t >= 0) out.triangles.push_back(t);
     }
-    out.middle = mean(surface.edges()[feature]);
+    addCorners(surface.edges()[feature]);
   } else if ((kind == FeaturePair::Kind::vertex_face) == second) {
     out.triangles = {feature};
-    out.middle = mean(surface.triangles()[feature]);
+    addCorners(surface.triangles()[feature]);
   } else {
     const auto around = surface.trianglesAtVertex(feature);
     out.triangles.assign(around.begin(), around.end());
-    out.middle = surface.start[feature];
+    addCorners(std::array{feature});
   }
   return out;
 }

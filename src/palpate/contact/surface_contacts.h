@@ -24,11 +24,16 @@ struct SurfaceContactsState {
   bool operator==(const SurfaceContactsState&) const = default;
 };
 
-/// The vertex, edge or face of a fixed surface that a contact is with.
-struct FixedFeature {
-  const CollisionSurface* surface = nullptr;  ///< null: none, as of what is a body's
+/// The vertex, edge or face of a surface that a contact is with; at the start of the step.
+struct SurfaceFeature {
+  const CollisionSurface* surface = nullptr;  ///< null: none, as of a plane
   std::vector<int> triangles;                 ///< that it belongs to
-  Vec3 middle = Vec3::Zero();                 ///< [m]
+  std::vector<Vec3> corners;                  ///< one, two or three [m]
+  Vec3 middle() const {
+    Vec3 sum = Vec3::Zero();
+    for (const Vec3& x : corners) sum += x;
+    return sum / static_cast<double>(corners.size());
+  }
 };
 
 /// Contact between triangle surfaces: of bodies, soft and rigid, with each other, with themselves, with fixed ones.
@@ -73,6 +78,8 @@ class SurfaceContacts {
   /// Candidates along the motion from the present start to the present end; appends.
   /// @param body  of this one only; -1: of all
   void find(const ContactSettings& settings, const FrictionTable& friction, std::vector<Contact>& out, int body = -1);
+  /// Of searches from now on: see PairSettings.
+  void setAsNow(bool on) { finder_.setAsNow(on); }
   /// What searches from now on may cost together, and what they did [floating-point operations, about].
   void allow(double operations) { finder_.allow(operations / kOperations); }
   double operations() const { return kOperations * finder_.tested(); }
@@ -89,7 +96,8 @@ class SurfaceContacts {
   bool isNearest(const Contact& earlier, const ContactSettings& settings);
   /// Which obstacle a surface is; -1: a body's.
   int obstacleOf(int surface) const { return items_[static_cast<std::size_t>(surface)].obstacle; }
-  FixedFeature fixedFeature(const Contact& contact) const;
+  /// Its feature on a body's surface, or on the obstacle's (body: -1); none of what touches itself.
+  SurfaceFeature featureOn(int body, const Contact& contact) const;
   /// Deepest overlap at the start [m], 0: none.
   double overlap() const { return overlap_; }
 

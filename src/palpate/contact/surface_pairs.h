@@ -51,6 +51,7 @@ class SurfacePairFinder {
   bool isNearest(const CollisionSurface& a, const CollisionSurface& b, const SelfExclusion* exclusion, double reach,
                  const FeaturePair& pair) const;
 
+  void setAsNow(bool on) { settings_.as_now = on; }  ///< see PairSettings
   /// Gives up searches once more pairs of clusters meet, those of all of them from now on counted together: where the
   /// motion is so wild that all may meet all. What was found is then not complete.
   void allow(double clusters) {

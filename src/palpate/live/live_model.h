@@ -55,6 +55,14 @@ struct LiveSurface {
   Mat3 bend = Mat3::Zero();
   static constexpr double kMostTurn = 0.7;  ///< tangent of the angle
   double load = 0;                          ///< normal force of a support at the model's time [N]
+  /// What is flat of a rigid tool at its place: a line, or two that span a face. The tool touches where they come
+  /// nearest to what is round.
+  struct Flat {
+    Vec3 direction = Vec3::UnitX();  ///< unit, handle's frame
+    double least = 0, greatest = 0;  ///< it reaches from there to there, from the place [m]
+  };
+  int flat_directions = 0;
+  std::array<Flat, 2> flat{};
 };
 
 /// The tool, reduced, in the frame of its handle, about the handle's origin (docs/live.md): rigid inertia, the lowest

@@ -2,36 +2,15 @@
 
 #include <algorithm>
 
+#include "palpate/live/surface_touch.h"
 #include "palpate/math/rotation.h"
-#include "palpate/math/segment.h"
 
 namespace palpate {
 namespace {
 
+constexpr double kRigid = 1e-6;  // [m/N]: models have a tenth of that where nothing gives way
+
 double filterShare(const LiveModel& model, double dt) { return dt / (model.beta + dt); }
-
-struct Touch {
-  double gap;  // [m]
-  Vec3 normal;
-};
-
-Touch touch(const LiveSurface& surface, const Vec3& x) {
-  if (surface.kind == LiveSurface::Kind::plane) {
-    const Vec3 d = x - surface.a, turn = surface.bend * d;
-    const double height = surface.normal.dot(d) - surface.offset, size = turn.norm();
-    if (!(size > 0)) return {height, surface.normal};
-    // straight on from where the normal has turned far enough: of its height this is the derivative, of which the
-    // length makes a distance
-    const double share = std::min(1.0, LiveSurface::kMostTurn / size);
-    const Vec3 normal = surface.normal + share * turn;
-    const double length = normal.norm();
-    return {(height + share * (1.0 - 0.5 * share) * d.dot(turn)) / length, normal / length};
-  }
-  const Vec3 out = x - (surface.a + closestOnSegment(x, surface.a, surface.b) * (surface.b - surface.a));
-  const double distance = out.norm();
-  const Vec3 normal = distance > 1e-9 ? Vec3(out / distance) : surface.normal;
-  return {distance - surface.offset, normal};
-}
 
 Vec6 inFrame(const Mat3& rt, const Vec6& twist) {
   Vec6 out;
@@ -83,6 +62,9 @@ bool isFinite(const LiveModel& model) noexcept {
     const LiveSurface& s = model.surface[i];
     good = good && s.normal.allFinite() && s.bend.allFinite() && s.a.allFinite() && s.b.allFinite() &&
            std::isfinite(s.offset) && std::isfinite(s.load) && std::isfinite(model.friction[i]);
+    for (const LiveSurface::Flat& f : s.flat) {
+      good = good && f.direction.allFinite() && std::isfinite(f.least) && std::isfinite(f.greatest);
+    }
   }
   return good;
 }
@@ -160,6 +142,11 @@ void LiveTick::placeContacts(const LiveModel& model, const LiveState& state, con
       contacts_.gap[i] = std::max(surface.normal.dot(place_.segment<3>(3 * i)) - surface.offset, -kRecoverySpeed * dt);
       continue;
     }
+    if (surface.flat_directions > 0) {
+      const Vec3 way = slideAlongFlat(surface, rotation, pose.position + rotation * place_.segment<3>(3 * i));
+      place_.segment<3>(3 * i) += way;
+      bent.segment<3>(3 * i) += way;
+    }
     jacobian_.block<3, 3>(3 * i, 0).setIdentity();
     jacobian_.block<3, 3>(3 * i, 3) = -skew(bent.segment<3>(3 * i));
     if (contacts_.tied[i]) {
@@ -168,7 +155,7 @@ void LiveTick::placeContacts(const LiveModel& model, const LiveState& state, con
       contacts_.normal[i] = rotation.transpose() * surface.normal;
       continue;
     }
-    const Touch t = touch(surface, pose.position + rotation * place_.segment<3>(3 * i));
+    const SurfaceTouch t = touch(surface, pose.position + rotation * place_.segment<3>(3 * i));
     contacts_.gap[i] = std::max(t.gap, -kRecoverySpeed * dt);
     contacts_.normal[i] = rotation.transpose() * t.normal;
   }
@@ -241,6 +228,15 @@ Vec6 LiveTick::step(const LiveModel& model, const LiveTickInput& input, const Po
   return out;
 }
 
+// Where the handle itself touches what is fixed, nothing gives way while it moves as recorded: pressed into that by the
+// model before, it would be given any force. It gets what would stop the tool.
+void LiveTick::yieldWhereRigid(const LiveModel& model, double dt) noexcept {
+  for (int k = 0; k < 3 * model.contacts; ++k) {
+    if (model.compliance(k, k) < kRigid && shape_.row(k).isZero(0.0))
+      contacts_.compliance(k, k) += dt * dt / model.mass;
+  }
+}
+
 void LiveTick::replay(const LiveModel& model, double dt, const Vec3& gravity, const PathPoint& from,
                       const PathPoint& to, LiveState& state) noexcept {
   const int r = model.modes();
@@ -271,6 +267,7 @@ void LiveTick::replay(const LiveModel& model, double dt, const Vec3& gravity, co
       const BoundedMatrix<LiveSize::kRows, LiveSize::kModes> scaled = shape_ * (dt * inverse_).cwiseSqrt().asDiagonal();
       contacts_.compliance = share * model.compliance;
       addGram(1.0, scaled, contacts_.compliance);
+      yieldWhereRigid(model, dt);
       sweep(contacts_, kSweeps, state.contact_force);
       ModalVector push = ModalVector::Zero(r);
       addTransposed(1.0, shape_, state.contact_force.data(), push.data());

@@ -44,6 +44,7 @@ class LiveTick {
  private:
   void factorHandle(const LiveModel& model, const LiveTickInput& input) noexcept;
   void placeContacts(const LiveModel& model, const LiveState& state, const Pose& pose, double dt) noexcept;
+  void yieldWhereRigid(const LiveModel& model, double dt) noexcept;
   void addSpin(const LiveModel& model, const LiveState& state, const Vec3& w, ModalVector& modal) const noexcept;
 
   TickCholesky factor_;

@@ -9,6 +9,7 @@
 #include "palpate/math/decompositions.h"
 #include "palpate/math/rotation.h"
 #include "palpate/math/segment.h"
+#include "palpate/reduction/flat_tool.h"
 #include "palpate/reduction/modes.h"
 #include "palpate/reduction/partner_reduction.h"
 
@@ -58,10 +59,10 @@ void setRound(const Obstacle& obstacle, const Vec3& place, double gap, LiveSurfa
 // @param friction  of the cluster
 void bendPlane(const World& world, const std::vector<TouchPoint>& points, const TouchCluster& cluster,
                LiveSurface& surface, Vec3& place, double& friction) {
-  std::vector<FixedFeature> features;
+  std::vector<SurfaceFeature> features;
   std::vector<int> triangles;
   for (const auto& [index, weight] : cluster) {
-    features.push_back(world.fixedFeature(points[static_cast<std::size_t>(index)].contact));
+    features.push_back(world.featureOn(-1, points[static_cast<std::size_t>(index)].contact));
     if (features.back().surface != features.front().surface) return;
     triangles.insert(triangles.end(), features.back().triangles.begin(), features.back().triangles.end());
   }
@@ -74,7 +75,7 @@ void bendPlane(const World& world, const std::vector<TouchPoint>& points, const 
     const auto& [index, weight] = cluster[k];
     const TouchPoint& p = points[static_cast<std::size_t>(index)];
     const Vec3 foot = p.place - p.gap * p.contact.normal, d = foot - surface.a;
-    const Vec3 turn = bend * (foot - features[k].middle);
+    const Vec3 turn = bend * (foot - features[k].middle());
     const double size = turn.norm();
     sum += weight * (p.contact.normal + kMostFacet / std::max(size, kMostFacet) * turn).normalized();
     rise -= 0.5 * weight * d.dot(bend * d);
@@ -419,12 +420,13 @@ void ToolReduction::placeContacts(World& world, const LiveSettings& settings, co
     if (first.tied) {
       surface.kind = LiveSurface::Kind::tied;
     } else if (const Obstacle* obstacle = world.obstacleOf(first.contact)) {
+      const Vec3 before = place;
       setRound(*obstacle, place, surface.normal.dot(place - foot), surface);
       if (surface.kind == LiveSurface::Kind::plane) {
-        const Vec3 before = place;
         bendPlane(world, points, clusters[g], surface, place, model.friction[g]);
-        model.arm.segment<3>(at) += rt * (place - before);
       }
+      placeOnFlat(world, points, clusters[g], surface, place);
+      model.arm.segment<3>(at) += rt * (place - before);
     }
     // bent planes know better than the step, whose forces are those of facets; but model and step are to rest alike
     const double known = surface.bend.isZero(0.0) ? 1.0 : input.still;

@@ -116,8 +116,8 @@ class World {
 
   /// What a contact is with, null: a body.
   const Obstacle* obstacleOf(const Contact& contact) const;
-  /// Of an obstacle's triangles; none where it is a plane or a body.
-  FixedFeature fixedFeature(const Contact& of) const { return surfaces_.fixedFeature(of); }
+  /// Of a body's surface, or of the obstacle's triangles (body: -1); none where there are no triangles.
+  SurfaceFeature featureOn(int body, const Contact& of) const { return surfaces_.featureOn(body, of); }
 
   /// Contacts of the last step, of all bodies that moved.
   const ContactSet& contacts() const { return stage_.result(); }
