@@ -59,11 +59,12 @@ void validate(const SceneOptions& options) {
   const std::string chosen = config.tool.handle;
   const DeviceName device = config.device.kind;
   if (isHardware(device)) config.device.kind = DeviceName::simulated;  // it is not asked for here
-  const BuiltScene first = buildScene(config);
+  BuiltScene first = buildScene(config);
   printScene(config, first, toString(device));
   for (int i = 0; i < first.world.bodies(); ++i) printBody(first.world, i);
   printHandle(first);
   for (const std::string& note : first.notes) fmt::print("note: {}\n", note);
+  for (const std::string& note : notesOnStart(config, first)) fmt::print("note: {}\n", note);
   if (options.overrides.handle) return;
   for (const HandleConfig& handle : config.tool.handles) {
     if (handle.name == chosen) continue;

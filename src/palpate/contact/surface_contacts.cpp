@@ -617,6 +617,18 @@ void SurfaceContacts::keepDependable() {
   });
 }
 
+std::vector<SurfaceOverlap> SurfaceContacts::overlaps() const {
+  std::vector<SurfaceOverlap> out;
+  for (std::size_t b = 1; b < items_.size(); ++b) {
+    for (std::size_t a = 0; a < b; ++a) {
+      SurfaceOverlap overlap{{items_[a].body, items_[b].body}, {items_[a].obstacle, items_[b].obstacle}, 0};
+      for (const OverlapPoint& p : pair(a, b).points) overlap.depth = std::max(overlap.depth, p.depth);
+      if (overlap.depth > 0) out.push_back(overlap);
+    }
+  }
+  return out;
+}
+
 void SurfaceContacts::findOverlapping(const ContactSettings& settings, const FrictionTable& friction,
                                       std::vector<Contact>& out) {
   for (std::size_t b = 1; b < items_.size(); ++b) {

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <vector>
 
@@ -34,6 +35,13 @@ struct SurfaceFeature {
     for (const Vec3& x : corners) sum += x;
     return sum / static_cast<double>(corners.size());
   }
+};
+
+/// Two surfaces that start inside each other.
+struct SurfaceOverlap {
+  std::array<int, 2> body{-1, -1};      ///< -1: fixed
+  std::array<int, 2> obstacle{-1, -1};  ///< of what is fixed
+  double depth = 0;                     ///< the deepest point's [m]
 };
 
 /// Contact between triangle surfaces: of bodies, soft and rigid, with each other, with themselves, with fixed ones.
@@ -85,6 +93,8 @@ class SurfaceContacts {
   double operations() const { return kOperations * finder_.tested(); }
   /// A search was given up since allow(): what it found is not complete.
   bool gaveUp() const { return finder_.gaveUp(); }
+  /// Those pairs, as examineOverlaps() found them.
+  std::vector<SurfaceOverlap> overlaps() const;
   /// Points of surfaces that start inside each other, as examineOverlaps() found them; appends.
   void findOverlapping(const ContactSettings& settings, const FrictionTable& friction, std::vector<Contact>& out);
   /// The same features as in an earlier step, where they now are, if they are within reach; appends. Which of the pairs

@@ -24,7 +24,7 @@ struct BuiltScene {
   std::unique_ptr<Device> device;
   Pose start;                                            ///< first pose of the device
   int tetrahedra = 0, nodes = 0, surface_triangles = 0;  ///< of all bodies
-  std::vector<std::string> notes;                        ///< on meshes that are not what the user may expect
+  std::vector<std::string> notes;                        ///< on what is not as the user may expect
 };
 
 /// Makes bodies, obstacles, device and haptic settings of a scene (its files resolved). Says on standard error what it
@@ -32,6 +32,10 @@ struct BuiltScene {
 /// @throws InputError for what only the meshes tell: a region without nodes, a surface without volume, too many
 ///         triangles
 BuiltScene buildScene(const SceneConfig& config);
+
+/// Notes on how a scene starts, for people: what lies inside something else, what is far larger than a hand moves, a
+/// handle that cannot turn what it holds. Changes nothing in the scene but that its obstacles are from now on fixed.
+std::vector<std::string> notesOnStart(const SceneConfig& config, BuiltScene& scene);
 
 /// A mouse in place of the scene's device: the same mass and hand, the chosen handle's path until somebody takes it.
 /// @param start  first pose of the device

@@ -525,6 +525,29 @@ void World::nearSurfaces(const ToolMotion& tool, double ahead, std::vector<Conta
   }
 }
 
+std::vector<SurfaceOverlap> World::overlaps() {
+  prepare();
+  std::vector<SurfaceOverlap> out;
+  if (surfaces_.active()) {
+    const SurfaceContactsState before = surfaces_.state();
+    for (int i = 0; i < bodies(); ++i) surfaces_.setStart(i, state_.bodies[i].positions);
+    surfaces_.recheckOverlaps();
+    surfaces_.examineOverlaps(false);
+    out = surfaces_.overlaps();
+    surfaces_.restore(before);
+  }
+  for (int i = 0; i < bodies(); ++i) {
+    std::vector<VertexNearPlane> below;
+    models_[i]->contactFinder().find(i, state_.bodies[i].positions, obstacles, 0, below);
+    std::vector<double> depth(obstacles.size(), 0.0);
+    for (const VertexNearPlane& v : below) depth[v.obstacle] = std::max(depth[v.obstacle], -v.gap);
+    for (std::size_t o = 0; o < obstacles.size(); ++o) {
+      if (depth[o] > 0) out.push_back({{i, -1}, {-1, static_cast<int>(o)}, depth[o]});
+    }
+  }
+  return out;
+}
+
 const Obstacle* World::obstacleOf(const Contact& c) const {
   if (c.second.body >= 0) return nullptr;
   const int i = c.features.second_surface < 0 ? c.partner : surfaces_.obstacleOf(c.features.second_surface);

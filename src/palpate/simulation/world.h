@@ -114,6 +114,9 @@ class World {
   /// early. Appends.
   void nearSurfaces(const ToolMotion& tool, double ahead, std::vector<Contact>& out);
 
+  /// Bodies that now are inside each other or inside obstacles, planes among them. The next step looks anew.
+  std::vector<SurfaceOverlap> overlaps();
+
   /// What a contact is with, null: a body.
   const Obstacle* obstacleOf(const Contact& contact) const;
   /// Of a body's surface, or of the obstacle's triangles (body: -1); none where there are no triangles.
