@@ -165,16 +165,21 @@ TEST(LiveTick, FreeFlightKeepsMomentum) {
   EXPECT_LT((momentum() - before).norm(), 0.01 * before.norm());
 }
 
-TEST(LiveTick, DepthIsUndoneSlowly) {
-  LiveModel m = rigidTool(0.2);
+// The model's one contact, of a rigid tool's place in its frame, with what is fixed.
+void touchAt(const Vec3& place, LiveModel& m) {
   m.contacts = 1;
-  m.arm = Vec3(0, 0, -0.05);
+  m.arm = place;
   m.shape.resize(3, 0);
   m.compliance = 1e-7 * Mat3::Identity();
   m.tool_compliance = m.compliance;
   m.damped_force.setZero(3);
   m.contact_force.setZero(3);
   m.curvature.resize(3, 0);
+}
+
+TEST(LiveTick, DepthIsUndoneSlowly) {
+  LiveModel m = rigidTool(0.2);
+  touchAt(Vec3(0, 0, -0.05), m);
   LiveTick tick;
   LiveState state = startState(m);
   Pose pose;
@@ -219,18 +224,6 @@ TEST(LiveTick, APointTurnsOnARoundWallWithoutTorque) {
     // a plane that stays gives 0.5 N r sin(10 degrees) and more
     EXPECT_LT(std::abs(Vec3(m.arm).cross(force).z()), 0.05 * 0.5 * kRadius * std::sin(kTurn)) << sign;
   }
-}
-
-// The model's one contact, of a rigid tool's place in its frame, with what is fixed.
-void touchAt(const Vec3& place, LiveModel& m) {
-  m.contacts = 1;
-  m.arm = place;
-  m.shape.resize(3, 0);
-  m.compliance = 1e-7 * Mat3::Identity();
-  m.tool_compliance = m.compliance;
-  m.damped_force.setZero(3);
-  m.contact_force.setZero(3);
-  m.curvature.resize(3, 0);
 }
 
 // A plate on a bar across: it slides by its own half length and stays where it is, though its place of the start is

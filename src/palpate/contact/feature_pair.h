@@ -40,9 +40,9 @@ struct PairSettings {
   /// Fast motion is taken in at most this many pieces of time.
   int max_pieces = 32;
   int max_iterations = 64;  ///< of continuous detection, a pair
-  /// For who asks where surfaces are near now and may soon touch, and not how to keep a motion from crossing: what
-  /// is near at the start is described as it is then, though it hits, and the search goes on. A flat face on an edge
-  /// has its nearest place at one end of it, and after a little turn at the other: both are reported.
+  /// For who asks where rigid surfaces are near now and may soon touch, and not how to keep a motion from crossing:
+  /// what is near at the start is described as it is then, though it hits, and the search goes on. A flat face on an
+  /// edge has its nearest place at one end of it, and after a little turn at the other: both are reported.
   bool as_now = false;
 };
 

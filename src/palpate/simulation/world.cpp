@@ -511,7 +511,7 @@ void World::nearSurfaces(const ToolMotion& tool, double ahead, std::vector<Conta
   constexpr double kShare = 0.25;
   surfaces_.allow(kShare * budget.operations);
   const std::size_t first = out.size();
-  surfaces_.setAsNow(true);
+  surfaces_.setAsNow(body(tool_).model.freeNodes() == 0);
   surfaces_.find(contact, friction_, out, tool_);
   surfaces_.setAsNow(false);
   // what carries force between bodies has features that a search need not choose again
