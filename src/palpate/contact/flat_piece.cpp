@@ -31,22 +31,15 @@ std::array<double, 2> alongAxis(const std::array<Vec2, 3>& corner) {
 
 }  // namespace
 
+Vec3 normalAtStart(const CollisionSurface& surface, int triangle) {
+  for (const int v : surface.triangles()[static_cast<std::size_t>(triangle)]) surface.placeStart(v);
+  return surface.areaNormal(triangle, 0).normalized();
+}
+
 FlatPiece::FlatPiece(const CollisionSurface& surface, std::span<const int> triangles, const Vec3& facing) {
-  const auto cornersOf = [&](int t) {
-    std::array<Vec3, 3> x;
-    for (std::size_t k = 0; k < 3; ++k) {
-      const int v = surface.triangles()[static_cast<std::size_t>(t)][k];
-      surface.placeStart(v);
-      x[k] = surface.start[static_cast<std::size_t>(v)];
-    }
-    return x;
-  };
-  const auto normalOf = [](const std::array<Vec3, 3>& x) {
-    return Vec3((x[1] - x[0]).cross(x[2] - x[0]).normalized());
-  };
   int first = -1;
   for (const int t : triangles) {
-    const Vec3 n = normalOf(cornersOf(t));
+    const Vec3 n = normalAtStart(surface, t);
     if (first >= 0 && !(n.dot(facing) > normal_.dot(facing))) continue;
     first = t;
     normal_ = n;
@@ -54,12 +47,15 @@ FlatPiece::FlatPiece(const CollisionSurface& surface, std::span<const int> trian
   if (first < 0) return;
   std::vector<int> piece{first};
   for (std::size_t i = 0; i < piece.size(); ++i) {
-    corners_.push_back(cornersOf(piece[i]));
+    auto& corners = corners_.emplace_back();  // placed for the normal
+    for (std::size_t k = 0; k < 3; ++k) {
+      corners[k] = surface.start[static_cast<std::size_t>(surface.triangles()[static_cast<std::size_t>(piece[i])][k])];
+    }
     for (const int e : surface.triangleEdges()[static_cast<std::size_t>(piece[i])]) {
       for (const int t : surface.edgeTriangles()[static_cast<std::size_t>(e)]) {
         if (t < 0 || piece.size() >= kMostTriangles || std::find(piece.begin(), piece.end(), t) != piece.end())
           continue;
-        if (normalOf(cornersOf(t)).dot(normal_) > kOnePlane) piece.push_back(t);
+        if (normalAtStart(surface, t).dot(normal_) > kOnePlane) piece.push_back(t);
       }
     }
   }

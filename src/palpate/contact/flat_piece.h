@@ -9,6 +9,9 @@
 
 namespace palpate {
 
+/// Outward unit normal of a triangle at `start`, where its vertices are placed first.
+Vec3 normalAtStart(const CollisionSurface& surface, int triangle);
+
 /// The flat piece of a surface around a place, as it is at `start`: triangles that hang together by edges and lie in
 /// one plane, at most 256 of them.
 class FlatPiece {

@@ -17,16 +17,11 @@ constexpr double kLeastBend = 5;       // [1/m]: what is less round is flat
 constexpr double kMostSag = 2.5e-3;    // of a radius: how far the triangles of what is round lie inside it
 constexpr double kAcross = 0.3;        // sine to a capsule's axis, above which an edge lies across it
 
-Vec3 normalOf(const CollisionSurface& surface, int triangle) {
-  for (const int v : surface.triangles()[static_cast<std::size_t>(triangle)]) surface.placeStart(v);
-  return surface.areaNormal(triangle, 0).normalized();
-}
-
 // Its direction, where a feature is an edge between faces that are not one.
 std::optional<Vec3> creaseOf(const SurfaceFeature& feature) {
   if (feature.corners.size() != 2 || feature.triangles.size() != 2) return std::nullopt;
-  const Vec3 first = normalOf(*feature.surface, feature.triangles[0]);
-  if (first.dot(normalOf(*feature.surface, feature.triangles[1])) > kCrease) return std::nullopt;
+  const Vec3 first = normalAtStart(*feature.surface, feature.triangles[0]);
+  if (first.dot(normalAtStart(*feature.surface, feature.triangles[1])) > kCrease) return std::nullopt;
   return (feature.corners[1] - feature.corners[0]).normalized();
 }
 
@@ -34,7 +29,7 @@ std::optional<Vec3> creaseOf(const SurfaceFeature& feature) {
 bool isSharp(const SurfaceFeature& feature, const Vec3& normal) {
   return feature.surface != nullptr && feature.corners.size() < 3 &&
          std::none_of(feature.triangles.begin(), feature.triangles.end(),
-                      [&](int t) { return normalOf(*feature.surface, t).dot(normal) > kCrease; });
+                      [&](int t) { return normalAtStart(*feature.surface, t).dot(normal) > kCrease; });
 }
 
 double radiusOf(const Obstacle* obstacle) {
