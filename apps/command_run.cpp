@@ -128,8 +128,8 @@ void run(RunOptions options) {
   openDevice(config);
   const std::optional<AutoStep> chosen = chosenStep(config);
   BuiltScene scene = buildScene(config);
+  noteStart(config, scene);
   for (const std::string& note : scene.notes) fmt::print(stderr, "note: {}\n", note);
-  for (const std::string& note : notesOnStart(config, scene)) fmt::print(stderr, "note: {}\n", note);
   const std::string out = options.out.empty() ? "out/" + config.name : options.out;
   const InterruptionAsks asks;  // from here on there is something to be kept
   RunFilesSettings kept;

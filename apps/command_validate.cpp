@@ -63,8 +63,8 @@ void validate(const SceneOptions& options) {
   printScene(config, first, toString(device));
   for (int i = 0; i < first.world.bodies(); ++i) printBody(first.world, i);
   printHandle(first);
+  noteStart(config, first);
   for (const std::string& note : first.notes) fmt::print("note: {}\n", note);
-  for (const std::string& note : notesOnStart(config, first)) fmt::print("note: {}\n", note);
   if (options.overrides.handle) return;
   for (const HandleConfig& handle : config.tool.handles) {
     if (handle.name == chosen) continue;

@@ -11,8 +11,9 @@ namespace {
 std::string notesOf(const std::string& tool, const std::string& rest = "obstacles: [{name: ground, plane: {}}]\n") {
   const SceneConfig config = readSceneFromString("palpate: 1\nname: starts\ntool: {" + tool + "}\n" + rest, "starts");
   BuiltScene scene = buildScene(config);
+  noteStart(config, scene);
   std::string out;
-  for (const std::string& note : notesOnStart(config, scene)) out += note + "\n";
+  for (const std::string& note : scene.notes) out += note + "\n";
   return out;
 }
 

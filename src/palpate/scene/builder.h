@@ -33,9 +33,10 @@ struct BuiltScene {
 ///         triangles
 BuiltScene buildScene(const SceneConfig& config);
 
-/// Notes on how a scene starts, for people: what lies inside something else, what is far larger than a hand moves, a
-/// handle that cannot turn what it holds. Changes nothing in the scene but that its obstacles are from now on fixed.
-std::vector<std::string> notesOnStart(const SceneConfig& config, BuiltScene& scene);
+/// Adds to the scene's notes what is odd about its start: what lies inside something else, what is far larger than a
+/// hand moves, a handle that cannot turn what it holds. Changes nothing in the scene but that its obstacles are from
+/// now on fixed.
+void noteStart(const SceneConfig& config, BuiltScene& scene);
 
 /// A mouse in place of the scene's device: the same mass and hand, the chosen handle's path until somebody takes it.
 /// @param start  first pose of the device

@@ -16,23 +16,22 @@ Vec3 extentOf(const Body& body) {
 
 }  // namespace
 
-std::vector<std::string> notesOnStart(const SceneConfig& config, BuiltScene& scene) {
+void noteStart(const SceneConfig& config, BuiltScene& scene) {
   World& world = scene.world;
-  std::vector<std::string> out;
   std::vector<double> size;
   for (int i = 0; i < world.bodies(); ++i) {
     const Vec3 extent = extentOf(world.body(i));
     size.push_back(extent.norm());
     if (extent.maxCoeff() > kLarge) {
-      out.push_back(fmt::format("{} is {:.3g} x {:.3g} x {:.3g} m large: a file without `size` is in meters",
-                                world.body(i).model.name(), extent.x(), extent.y(), extent.z()));
+      scene.notes.push_back(fmt::format("{} is {:.3g} x {:.3g} x {:.3g} m large: a file without `size` is in meters",
+                                        world.body(i).model.name(), extent.x(), extent.y(), extent.z()));
     }
   }
   for (const SurfaceOverlap& overlap : world.overlaps()) {
     const int body = std::max(overlap.body[0], overlap.body[1]), other = std::min(overlap.body[0], overlap.body[1]);
     const int obstacle = std::max(overlap.obstacle[0], overlap.obstacle[1]);
     if (body < 0 || !(overlap.depth > kDeep * (other < 0 ? size[body] : std::min(size[body], size[other])))) continue;
-    out.push_back(fmt::format(
+    scene.notes.push_back(fmt::format(
         "{} starts {:.3g} mm inside {}: contact will push it out", world.body(body).model.name(), 1e3 * overlap.depth,
         other >= 0 ? world.body(other).model.name() : config.obstacles[static_cast<std::size_t>(obstacle)].name));
   }
@@ -41,15 +40,16 @@ std::vector<std::string> notesOnStart(const SceneConfig& config, BuiltScene& sce
   const double away = (world.tool().state.handle.pose.position - scene.start.position).norm();
   const double sag = tool.totalMass() * world.gravity.norm() / world.link.stiffness;
   if (away > 2 * sag + kDeep * size[world.toolIndex()]) {
-    out.push_back(fmt::format("{} starts {:.3g} mm away from the hand that holds it: something is in its way there",
-                              tool.name(), 1e3 * away));
+    scene.notes.push_back(
+        fmt::format("{} starts {:.3g} mm away from the hand that holds it: something is in its way there", tool.name(),
+                    1e3 * away));
   }
   const auto nodes = tool.handle().nodes.size();
   if (!tool.isRigid() && nodes < kTurning) {
-    out.push_back(fmt::format("handle {} holds {} of the tool's nodes: the tool hinges there; a larger region turns it",
-                              tool.handle().name, nodes));
+    scene.notes.push_back(
+        fmt::format("handle {} holds {} of the tool's nodes: the tool hinges there; a larger region turns it",
+                    tool.handle().name, nodes));
   }
-  return out;
 }
 
 }  // namespace palpate
