@@ -305,6 +305,66 @@ TEST(ContactSolver, WarmStartOfAnotherStepSavesWork) {
   }
 }
 
+// What is left for some contacts, while the others keep the states that they have in the solution, has the same
+// solution; and that leads back to the impulses of all.
+TEST(ReducedContacts, HaveTheSolutionOfTheWhole) {
+  for (const FrictionCone& cone : bothCones()) {
+    for (const int points : {0, 40}) {  // those of a bar's lower side; more, redundant
+      SCOPED_TRACE(points);
+      SoftBar bar;
+      bar.drag = 0.0;
+      bar.press = 0.2;
+      bar.mu = 2.0;
+      const OwnedProblem p = bar.make(points, points == 0, 41, cone);
+      const Solution s = solve(p);
+      ReducedContacts reduced;
+      VecX lambda = s.lambda, own(0), rho(p.contacts());
+      int open = 0;
+      for (int i = 0; i < p.contacts(); ++i) {
+        rho[i] = impulseScale(p.view(), i);
+        const bool doubt = s.status[i].state != ContactState::open && s.status[i].state != ContactState::stick;
+        if (doubt || i % 3 == 0) {
+          own.conservativeResize(own.size() + 3);
+          own.tail<3>() = s.lambda.segment<3>(3 * i);
+          lambda.segment<3>(3 * i).setZero();
+          reduced.doubtful.push_back(i);
+        } else if (s.status[i].state == ContactState::stick) {
+          lambda.segment<3>(3 * i) *= 0.9;  // where they change from does not matter
+          reduced.sticking.push_back(i);
+        } else {
+          ++open;
+        }
+      }
+      EXPECT_GT(reduced.sticking.size(), 3U);
+      ASSERT_TRUE(reduced.form(p.view(), rho, lambda));
+      EXPECT_LT(contactResidual(reduced.problem(), own), 1e-8 * velocityScale(p)) << open << " open";
+      reduced.expand(own, lambda);
+      EXPECT_LT(contactResidual(p.view(), lambda), 1e-8 * velocityScale(p));
+      EXPECT_LT((p.delassus * (lambda - s.lambda)).norm(), 1e-7 * velocityScale(p));
+    }
+  }
+}
+
+// A few places of many are hit: what they and their neighbors do is solved for, not all.
+TEST(ContactSolver, FewThatChangeAreSolvedApart) {
+  for (const FrictionCone& cone : bothCones()) {
+    SoftBar bar;
+    bar.drag = 0.0;
+    OwnedProblem p = bar.make(100, false, 43, cone);
+    const Solution rest = solve(p);
+    for (const int hit : {7, 30, 31, 77}) {
+      p.free.segment<3>(3 * hit) += velocityScale(p) * Vec3(-1.0, 0.5, -0.3);
+    }
+    Solution warm = rest;
+    ContactSolver solver;
+    warm.report = solver.solve(p.view(), {}, warm.lambda, warm.status);
+    warm.w = p.delassus * warm.lambda + p.free;
+    expectContactLaw(p, warm, "hit");
+    EXPECT_NE(warm.status, rest.status);
+    EXPECT_LT(3.0 * warm.report.operations, solve(p).report.operations) << warm.report.iterations;
+  }
+}
+
 TEST(ContactSolver, NonsenseAsWarmStartDoesNoHarm) {
   for (const FrictionCone& cone : bothCones()) {
     const OwnedProblem p = SoftBar{}.make(0, true, 19, cone);

@@ -25,6 +25,7 @@ constexpr int kMostInterior = 60;
 constexpr double kPartInterior = 0.5;
 constexpr int kLeastInterior = 12;
 constexpr int kIdleInterior = 10;
+constexpr Eigen::Index kFewContacts = 12;  // solved as a whole
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 }  // namespace
@@ -238,7 +239,9 @@ void ContactSolver::goTo(const ContactProblem& problem, const Best& best) {
 }
 
 /// Newton steps from state to state while they help.
-void ContactSolver::newtonPhase(const ContactProblem& problem, double tolerance, Best& best, int steps, Work& work) {
+/// @param patience  so many in a row without a gain end them
+void ContactSolver::newtonPhase(const ContactProblem& problem, double tolerance, Best& best, int steps, Work& work,
+                                int patience) {
   double phase_best = kInfinity;
   int stalled = 0;
   for (int k = 0; k < steps && work.left(); ++k) {
@@ -248,7 +251,7 @@ void ContactSolver::newtonPhase(const ContactProblem& problem, double tolerance,
     if (now <= tolerance) return;
     stalled = now < 0.9 * phase_best ? 0 : stalled + 1;
     phase_best = std::min(phase_best, now);
-    if (stalled == 4) return;
+    if (stalled >= patience) return;
     before_ = status_;
     classify(problem);
     if (stalled > 0) walk(problem.cone, before_);
@@ -505,20 +508,16 @@ ContactSolverReport ContactSolver::solve(const ContactProblem& problem, const Co
   return report;
 }
 
-/// A problem in one piece; lambda is finite and of the right size. `scale` and `mean_scale` are those of the whole.
-ContactSolverReport ContactSolver::solvePart(const ContactProblem& problem, const ContactSolverSettings& settings,
-                                             double scale, double mean_scale, VecX& lambda,
-                                             std::vector<ContactStatus>& status) {
-  const double goal = settings.tolerance * scale;
-  const double tolerance = 0.3 * goal;  // room for settling the states
-  const double acceptable = std::max(tolerance, 0.3 * settings.acceptable * scale);
+/// From where lambda and its states are.
+/// @return whether the states can be used: those of a step before, not chosen here
+bool ContactSolver::begin(const ContactProblem& problem, double mean_scale, const VecX& lambda,
+                          const std::vector<ContactStatus>& status) {
   prepare(problem, mean_scale);
   factor_.forget();
   may_border_ = true;
-  const bool warm = !lambda.isZero(0.0);
   lambda_ = lambda;
   status_.assign(static_cast<std::size_t>(rho_.size()), {});
-  const bool hinted = warm && acceptHint(problem, status);
+  const bool hinted = !lambda.isZero(0.0) && acceptHint(problem, status);
   updateVelocity(problem, lambda_, w_);
   unmoved_ = lambda_;
   if (hinted) {
@@ -528,22 +527,50 @@ ContactSolverReport ContactSolver::solvePart(const ContactProblem& problem, cons
     settleStates(problem);
   }
   updateVelocitySince(problem, unmoved_);
+  best_.residual = kInfinity;
+  return hinted;
+}
+
+/// Whether a contact that is open would be passed: its state is wrong, and Newton steps with it lead nowhere.
+bool ContactSolver::opensAgainst(const ContactProblem& problem) const {
+  for (Eigen::Index i = 0; i < rho_.size(); ++i) {
+    if (status_[i].state == ContactState::open && w_[3 * i] < problem.bias[i]) return true;
+  }
+  return false;
+}
+
+/// The solution from where begin() put it, or the best that work allows, into best_.
+/// @param enough  residual of a start that is left as it is
+void ContactSolver::find(const ContactProblem& problem, double enough, double tolerance, double acceptable, bool hinted,
+                         Work& work) {
+  if (keepBest(problem, best_) <= enough) return;
+  if (hinted && rho_.size() < kFewContacts) {
+    newtonPhase(problem, tolerance, best_, 20, work);
+  } else if (hinted) {
+    if (!opensAgainst(problem)) newtonPhase(problem, tolerance, best_, 20, work, 0);
+    if (best_.residual > tolerance) doubtPhase(problem, tolerance, acceptable, best_, work);
+  }
+  alternate(problem, tolerance, best_, 2, work);
+  if (best_.residual > acceptable) interior(problem, tolerance, acceptable, best_, work);
+  if (best_.residual > acceptable) proximal(problem, tolerance, best_, work);
+}
+
+/// A problem in one piece; lambda is finite and of the right size. `scale` and `mean_scale` are those of the whole.
+ContactSolverReport ContactSolver::solvePart(const ContactProblem& problem, const ContactSolverSettings& settings,
+                                             double scale, double mean_scale, VecX& lambda,
+                                             std::vector<ContactStatus>& status) {
+  const double goal = settings.tolerance * scale;
+  const double tolerance = 0.3 * goal;  // room for settling the states
+  const double acceptable = std::max(tolerance, 0.3 * settings.acceptable * scale);
+  const bool hinted = begin(problem, mean_scale, lambda, status);
   const double m = static_cast<double>(rho_.size());
   Work work;
-  work.max_iterations = settings.max_iterations;
-  work.max_operations = std::min(settings.max_work * ((18.0 * m + 2000.0) * m + 2e5) * m, settings.max_operations);
-  work.rows = 3.0 * m;
-  work.product = 90.0 * m * m;
-  best_.residual = kInfinity;
+  work.begin(m, settings.max_iterations,
+             std::min(settings.max_work * ((18.0 * m + 2000.0) * m + 2e5) * m, settings.max_operations));
   // a state once settled is good to the goal itself, so that a solution given back is returned as it is
-  if (keepBest(problem, best_) > goal) {
-    if (hinted) newtonPhase(problem, tolerance, best_, 20, work);
-    alternate(problem, tolerance, best_, 2, work);
-    if (best_.residual > acceptable) interior(problem, tolerance, acceptable, best_, work);
-    if (best_.residual > acceptable) proximal(problem, tolerance, best_, work);
-    lambda_ = best_.lambda;
-    status_ = best_.status;
-  }
+  find(problem, goal, tolerance, acceptable, hinted, work);
+  lambda_ = best_.lambda;
+  status_ = best_.status;
   ContactSolverReport report;
   report.iterations = work.iterations;
   settleStates(problem);

@@ -5,6 +5,7 @@
 
 #include "palpate/friction/contact_interior.h"
 #include "palpate/friction/contact_problem.h"
+#include "palpate/friction/reduced_contacts.h"
 #include "palpate/friction/state_factor.h"
 #include "palpate/linear/aligned_buffer.h"
 #include "palpate/math/types.h"
@@ -36,7 +37,8 @@ struct ContactSolverReport {
 };
 
 /// Solves ContactProblem: Gauss-Seidel sweeps with exact solutions of single contacts find the states, Newton steps on
-/// the rows that the states leave free solve them to the last digits; where that fails, interior-point iterations and
+/// the rows that the states leave free solve them to the last digits, for the contacts whose states are in doubt first;
+/// where that fails, interior-point iterations and
 /// proximal ones find the states (docs/contact-solver.md). Keep one for each scene:
 /// it owns the workspace, which grows on demand and is reused. Deterministic: the result depends on the arguments only.
 class ContactSolver {
@@ -72,6 +74,10 @@ class ContactSolver {
     double operations = 0.0;
     bool left() const { return iterations < max_iterations && operations < max_operations; }
     double remaining() const { return max_operations - operations; }
+    /// @param contacts  of the problem
+    void begin(double contacts, int iterations_at_most, double operations_at_most) {
+      *this = {iterations_at_most, operations_at_most, 3.0 * contacts, 90.0 * contacts * contacts};
+    }
     void spend(double cost) {
       ++iterations;
       operations += cost;
@@ -91,7 +97,8 @@ class ContactSolver {
   void walk(const FrictionCone& cone, const std::vector<ContactStatus>& before);
   void settleStates(const ContactProblem& problem);
   void sweep(const ContactProblem& problem);
-  void newtonPhase(const ContactProblem& problem, double tolerance, Best& best, int steps, Work& work);
+  void newtonPhase(const ContactProblem& problem, double tolerance, Best& best, int steps, Work& work,
+                   int patience = 4);
   bool alternate(const ContactProblem& problem, double tolerance, Best& best, int rounds, Work& work);
   void proximal(const ContactProblem& problem, double tolerance, Best& best, Work& work);
   void interior(const ContactProblem& problem, double tolerance, double acceptable, Best& best, Work& work);
@@ -102,6 +109,13 @@ class ContactSolver {
   ContactSolverReport gatherAndSolve(const ContactProblem& whole, const int* contacts, int count,
                                      const ContactSolverSettings& settings, double scale, double mean_scale,
                                      VecX& lambda, std::vector<ContactStatus>& status);
+  bool begin(const ContactProblem& problem, double mean_scale, const VecX& lambda,
+             const std::vector<ContactStatus>& status);
+  void find(const ContactProblem& problem, double enough, double tolerance, double acceptable, bool hinted, Work& work);
+  bool inDoubt(const ContactProblem& problem, Eigen::Index i, double tolerance) const;
+  bool findDoubtful(const ContactProblem& problem, double tolerance);
+  bool opensAgainst(const ContactProblem& problem) const;
+  void doubtPhase(const ContactProblem& problem, double tolerance, double acceptable, Best& best, Work& work);
   bool newton(const ContactProblem& problem, double tolerance, Work& work);
   void chooseFree(const ContactProblem& problem);
   void setCurvature(const ContactProblem& problem);
@@ -124,6 +138,11 @@ class ContactSolver {
   bool may_border_ = true;            ///< until a bordered factor was not good enough for this problem
   VecX violation_, change_;           ///< [3m] what should vanish where states leave impulses free; a Newton step
   VecX unmoved_;                      ///< [3m] impulses before it
+  std::vector<char> doubted_;         ///< [m] contacts whose states are in doubt
+  ReducedContacts reduced_;           ///< what they leave to be solved
+  std::vector<ContactSolver> doubtful_solver_;  ///< one, for that
+  VecX own_lambda_;                             ///< where it starts
+  std::vector<ContactStatus> own_status_;
   AlignedBuffer shifted_matrix_;
   AlignedBuffer part_velocity_;  ///< what each part of W adds to a velocity
 
