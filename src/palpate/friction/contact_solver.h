@@ -37,10 +37,10 @@ struct ContactSolverReport {
 };
 
 /// Solves ContactProblem: Gauss-Seidel sweeps with exact solutions of single contacts find the states, Newton steps on
-/// the rows that the states leave free solve them to the last digits, for the contacts whose states are in doubt first;
-/// where that fails, interior-point iterations and
-/// proximal ones find the states (docs/contact-solver.md). Keep one for each scene:
-/// it owns the workspace, which grows on demand and is reused. Deterministic: the result depends on the arguments only.
+/// the rows that the states leave free solve them to the last digits; where that fails, interior-point iterations and
+/// proximal ones find the states. With a warm start, for the contacts whose states are in doubt first
+/// (docs/contact-solver.md). Keep one for each scene: it owns the workspace, which grows on demand and is reused.
+/// Deterministic: the result depends on the arguments only.
 class ContactSolver {
  public:
   /// @param lambda  impulses [N s], 3m: in, the warm start (set to zero if it has another size or is not finite); out,
