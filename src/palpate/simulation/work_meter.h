@@ -55,17 +55,17 @@ class WorkMeter {
 class WorkShare {
  public:
   /// @param share    of the budget; 0: of a try that must succeed
-  /// @param systems  what the bodies' factorizations cost: solving contact may cost several times as much in any case,
-  ///                 as otherwise a scene that is large, but not hard, would never get through
+  /// @param systems  what the bodies' factorizations cost: solving contact may cost three times as much in any case, as
+  ///                 otherwise a scene that is large, but not hard, would never get through
   WorkShare(const WorkMeter& meter, double share, double systems)
       : meter_(&meter), before_(meter.spent()), allowed_(kLast) {
-    if (share > 0) allowed_ = std::max(std::min(share * meter.whole(), kMostOfTry), kSystems * share * systems);
+    if (share > 0) allowed_ = std::max(std::min(share * meter.whole(), kMostOfTry), kSystems * systems);
   }
   double left() const { return allowed_ - (meter_->spent() - before_); }
 
  private:
   static constexpr double kMostOfTry = 1e10, kLast = 1e9;  // operations
-  static constexpr double kSystems = 20.0;
+  static constexpr double kSystems = 3.0;
   const WorkMeter* meter_;
   double before_, allowed_;
 };

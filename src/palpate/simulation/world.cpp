@@ -299,7 +299,7 @@ StepReport World::stepBodies(const std::vector<int>& moving, const StepInput& in
 constexpr int kShortest = 16;       // as a part of a step
 constexpr int kMostPulled = 15;     // steps after a path was left, before one is tried again
 constexpr int kGoodParts = 4;       // so many good parts before a longer one is tried
-constexpr double kTryShare = 0.15;  // of the budget: what a try may cost that need not succeed
+constexpr double kTryShare = 0.08;  // of the budget: what a try may cost that need not succeed
 constexpr double kDearShare = 0.2;  // of the budget: who has used that up cannot afford many more tries that fail
 constexpr double kPartCost = 2.0;   // of a part that is good, for its factorization's
 // an end that has more energy than work explains, by this much in a whole step [J], is not believed

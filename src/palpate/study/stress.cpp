@@ -18,7 +18,9 @@ namespace palpate {
 namespace {
 
 constexpr double kInside = 1e-4;  // of the tool's diagonal: a vertex less deep is on the surface, not on the wrong side
-constexpr double kDeepest = 1e-3;                        // of the diagonal
+constexpr double kRounding =
+    1.01;                          // by which a vertex may be deeper than contact's own tolerance, which a step ends at
+constexpr double kDeepest = 1e-3;  // of the diagonal
 constexpr double kCutShare = 1e-3;                       // of all steps
 constexpr double kEnergyMade = 5e-4;                     // in one step [J]
 constexpr double kLastSecond = 1.0;                      // of a ride [s]
@@ -105,7 +107,8 @@ class StressRun {
         run_(scene, settings.timing, sink_),
         diagonal_(boundsOf(world_.tool().model.mesh().surface.vertices).diagonal()),
         driven_(drivesTool(world_)),
-        examiner_(world_, kInside * diagonal_, settings.crossable),
+        examiner_(world_, std::max(kInside * diagonal_, kRounding * world_.contact.penetration_tolerance),
+                  settings.crossable),
         freeze_(world_, scene.start, settings.timing.visual_step) {
     settings_.motion.step = settings.timing.visual_step;
     settings_.motion.reach = settings.reach * diagonal_;
