@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <fstream>
 #include <nlohmann/json.hpp>
+#include <numbers>
 #include <set>
 #include <sstream>
 
@@ -241,23 +242,12 @@ contact: {friction: 1}
   EXPECT_LT((live.back() - hsl.back()).norm(), 0.5);
 }
 
-// A rigid plate is pressed on what is round or sharp, slid over it and turned. Where the two touch moves over the
-// plate: with a place that stays on it the tool sinks, and the models that press it out are refused. 7 N; half a newton
-// with hsl.
-TEST(Live, ARigidFaceSlidesOverWhatIsRoundOrSharp) {
-  struct Case {
-    const char* obstacle;
-    double force;  // N
-  };
-  for (const Case& c :
-       {Case{"capsule: {a: [0, -0.1, -0.02], b: [0, 0.1, -0.02], radius: 0.02}", 0.15},
-        {"sphere: {center: [0, 0, -0.02], radius: 0.02}", 0.1},
-        {"mesh: {shape: {revolution: {profile: [[0, -0.1], [0.02, -0.1], [0.02, 0.1], [0, 0.1]], "
-         "segments: 96}}, pose: {position: [0, 0, -0.02], rotation: [90, 0, 0]}}",
-         0.2},
-        {"box: {center: [0, 0, -0.0282843], half_extents: [0.02, 0.1, 0.02], rotation: [0, 45, 0]}", 0.1},
-        {"box: {center: [0, 0, -0.03], half_extents: [0.02, 0.02, 0.02], rotation: [37.5, -37.5, 15]}", 0.1}}) {
-    const SceneConfig config = readSceneFromString(std::string(R"(palpate: 1
+constexpr const char* kCapsule = "capsule: {a: [0, -0.1, -0.02], b: [0, 0.1, -0.02], radius: 0.02}";
+constexpr const char* kSphere = "sphere: {center: [0, 0, -0.02], radius: 0.02}";
+
+// A rigid plate, pressed on something, slid over it and turned.
+SceneConfig plateOn(const char* obstacle, double friction) {
+  return readSceneFromString(std::string(R"(palpate: 1
 name: plate
 duration: 3.2
 tool:
@@ -277,14 +267,47 @@ tool:
           - {t: 2.6, position: [0.01, 0.01, -0.01], rotation: [0, -12, 10]}
           - {t: 3.0, position: [0, 0, -0.01]}
 device: {type: prescribed, limits: {peak_force: 30, continuous_force: 30, peak_torque: 2}}
-contact: {friction: 0.2}
-obstacles: [{name: thing, )") + c.obstacle + "}]\n",
-                                                   "plate");
+contact: {friction: )") + std::to_string(friction) +
+                                 "}\nobstacles: [{name: thing, " + obstacle + "}]\n",
+                             "plate");
+}
+
+// Where the plate touches what is round or sharp moves over the plate: with a place that stays on it the tool sinks,
+// and the models that press it out are refused. 7 N; half a newton with hsl.
+TEST(Live, ARigidFaceSlidesOverWhatIsRoundOrSharp) {
+  struct Case {
+    const char* obstacle;
+    double force;  // N
+  };
+  for (const Case& c :
+       {Case{kCapsule, 0.15},
+        {kSphere, 0.1},
+        {"mesh: {shape: {revolution: {profile: [[0, -0.1], [0.02, -0.1], [0.02, 0.1], [0, 0.1]], "
+         "segments: 96}}, pose: {position: [0, 0, -0.02], rotation: [90, 0, 0]}}",
+         0.2},
+        {"box: {center: [0, 0, -0.0282843], half_extents: [0.02, 0.1, 0.02], rotation: [0, 45, 0]}", 0.1},
+        {"box: {center: [0, 0, -0.03], half_extents: [0.02, 0.02, 0.02], rotation: [37.5, -37.5, 15]}", 0.1}}) {
+    const SceneConfig config = plateOn(c.obstacle, 0.2);
     StudySettings settings;
     settings.methods = {"live"};
     settings.visual_steps = {0.033};
     const SceneStudy study = evaluateScene(config, settings);
     EXPECT_LE(study.rows[0].error.rms_force, c.force) << c.obstacle;
+  }
+}
+
+// The step's places go from facet to facet of what is round, the model's do not.
+TEST(Live, ARigidFaceRestsOnWhatIsRound) {
+  for (const auto& [obstacle, friction] : {std::pair{kCapsule, 0.0}, {kSphere, 0.0}, {kSphere, 0.3}}) {
+    for (const double stiffness : {500.0, 200.0}) {
+      SceneConfig config = inHand(plateOn(obstacle, friction), stiffness, 0.016 * stiffness);
+      config.duration = 5.0;
+      config.visual_step = 0.010;
+      auto& keys = config.tool.handles.front().hand.keyframes;
+      keys.pop_back();  // held where it is turned
+      keys.back().rotation = Vec3(5, -12, 10) * std::numbers::pi / 180;
+      EXPECT_LE(swing(config, 4.0, 5.0), 0.01) << obstacle << ' ' << friction << ' ' << stiffness;
+    }
   }
 }
 

@@ -428,8 +428,10 @@ void ToolReduction::placeContacts(World& world, const LiveSettings& settings, co
       placeOnFlat(world, points, clusters[g], surface, place);
       model.arm.segment<3>(at) += rt * (place - before);
     }
-    // bent planes know better than the step, whose forces are those of facets; but model and step are to rest alike
-    const double known = surface.bend.isZero(0.0) ? 1.0 : input.still;
+    // bent planes know better than the step, whose forces are those of facets; but model and step are to rest alike.
+    // Where a flat tool touches what is round, the step's places go from facet to facet, and what they lack would
+    // swing.
+    const double known = surface.flat_directions > 0 ? 0.0 : surface.bend.isZero(0.0) ? 1.0 : input.still;
     merged_.segment<3>(at) = known * model.contact_force.segment<3>(at);
     for (const auto& [index, weight] : clusters[g]) addLoads(points[static_cast<std::size_t>(index)], known);
     if (first.internal) {
