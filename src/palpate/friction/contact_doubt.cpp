@@ -18,13 +18,11 @@ constexpr double kPartReduced = 0.5;    // of the work that is left, for one red
 /// Whether contact i, open or sticking, would be something else by where impulse and velocity have come to. What slides
 /// always is: in which direction follows from the others.
 bool ContactSolver::inDoubt(const ContactProblem& problem, Eigen::Index i, double tolerance) const {
-  const Vec3 impulse = rho_[i] * lambda_.segment<3>(3 * i);
-  const double normal = impulse[0] - (w_[3 * i] - problem.bias[i]);
-  if (status_[i].state == ContactState::open) return normal > tolerance;
-  if (status_[i].state != ContactState::stick || !(normal > 0.0)) return true;
+  const Vec3 impulse = augmented(problem, i);
+  if (status_[i].state == ContactState::open) return impulse[0] > tolerance;
+  if (status_[i].state != ContactState::stick || !(impulse[0] > 0.0)) return true;
   Vec2 point;
-  const Vec2 tangential = impulse.tail<2>() - w_.segment<2>(3 * i + 1);
-  return nearest(problem.cone, problem.friction[i] * normal, tangential, point).state != ContactState::stick;
+  return nearest(problem.cone, problem.friction[i] * impulse[0], impulse.tail<2>(), point).state != ContactState::stick;
 }
 
 /// Contacts that are in doubt, beside those that were, and those that stick. @returns false if there are no new ones
@@ -48,8 +46,7 @@ bool ContactSolver::findDoubtful(const ContactProblem& problem, double tolerance
 
 /// Rounds from the present impulses and states: contacts in doubt are solved for, with the others sticking or open;
 /// who of those then disobeys is in doubt from the next round on.
-void ContactSolver::doubtPhase(const ContactProblem& problem, double tolerance, double acceptable, Best& best,
-                               Work& work) {
+void ContactSolver::doubtPhase(const ContactProblem& problem, double tolerance, double acceptable, Work& work) {
   doubted_.assign(static_cast<std::size_t>(rho_.size()), 0);
   if (doubtful_solver_.empty()) doubtful_solver_.resize(1);
   ContactSolver& own = doubtful_solver_.front();
@@ -80,7 +77,7 @@ void ContactSolver::doubtPhase(const ContactProblem& problem, double tolerance, 
   }
   settleStates(problem);
   updateVelocity(problem, lambda_, w_);
-  if (keepBest(problem, best) > tolerance) newtonPhase(problem, tolerance, best, 4, work);
+  if (keepBest(problem, best_) > tolerance) newtonPhase(problem, tolerance, best_, 4, work);
 }
 
 }  // namespace palpate

@@ -188,4 +188,14 @@ void contactVelocity(const ContactProblem& problem, const VecX& lambda, AlignedB
     w.tail(rows - part * kColumns) += by_part.col(part).tail(rows - part * kColumns);
 }
 
+void gatherBlocks(const ContactProblem& problem, std::span<const int> rows, std::span<const int> columns,
+                  Eigen::Ref<MatX> out) {
+  for (std::size_t j = 0; j < columns.size(); ++j) {
+    for (std::size_t i = 0; i < rows.size(); ++i) {
+      out.block<3, 3>(static_cast<Eigen::Index>(3 * i), static_cast<Eigen::Index>(3 * j)) =
+          problem.delassus.block<3, 3>(3 * rows[i], 3 * columns[j]);
+    }
+  }
+}
+
 }  // namespace palpate

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <span>
 
 #include "palpate/linear/aligned_buffer.h"
 #include "palpate/math/types.h"
@@ -65,6 +66,10 @@ double meanScale(const ContactProblem& problem);  ///< over the contacts; 1 if t
 /// w = W lambda + free; W being symmetric, one half of a large one is read.
 /// @param shares  workspace
 void contactVelocity(const ContactProblem& problem, const VecX& lambda, AlignedBuffer& shares, VecX& w);
+
+/// The blocks of W where the given contacts' rows and columns cross, 3 rows x 3 columns, into `out`.
+void gatherBlocks(const ContactProblem& problem, std::span<const int> rows, std::span<const int> columns,
+                  Eigen::Ref<MatX> out);
 
 /// Index in [0, facets).
 inline int wrapped(int index, int facets) { return ((index % facets) + facets) % facets; }

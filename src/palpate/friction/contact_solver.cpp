@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
+#include <span>
 
 #include "palpate/friction/single_contact.h"
 
@@ -116,18 +117,24 @@ double ContactSolver::residual(const ContactProblem& problem) const {
   return worst;
 }
 
-/// States from the augmented impulse rho lambda - w, as in the nonsmooth Newton method of Alart and Curnier.
+/// rho lambda - w with w_n less its bias, as in the nonsmooth Newton method of Alart and Curnier.
+Vec3 ContactSolver::augmented(const ContactProblem& problem, Eigen::Index i) const {
+  Vec3 out = rho_[i] * lambda_.segment<3>(3 * i) - w_.segment<3>(3 * i);
+  out[0] += problem.bias[i];
+  return out;
+}
+
+/// States from the augmented impulses.
 void ContactSolver::classify(const ContactProblem& problem) {
   for (Eigen::Index i = 0; i < rho_.size(); ++i) {
-    Vec3 augmented = rho_[i] * lambda_.segment<3>(3 * i) - w_.segment<3>(3 * i);
-    augmented[0] += problem.bias[i];
-    if (augmented[0] <= 0.0) {
+    const Vec3 impulse = augmented(problem, i);
+    if (impulse[0] <= 0.0) {
       status_[i] = {};
     } else if (problem.friction[i] == 0.0) {
       status_[i] = {ContactState::slide, 0};
     } else {
       Vec2 point;
-      status_[i] = nearest(problem.cone, problem.friction[i] * augmented[0], augmented.tail<2>(), point);
+      status_[i] = nearest(problem.cone, problem.friction[i] * impulse[0], impulse.tail<2>(), point);
       if (point.squaredNorm() > 0.0) heading_[i] = point.normalized();
     }
   }
@@ -449,11 +456,10 @@ ContactSolverReport ContactSolver::gatherAndSolve(const ContactProblem& whole, c
   part_bias_.resize(count);
   part_friction_.resize(count);
   part_status_.resize(static_cast<std::size_t>(count));
+  const std::span<const int> own(contacts, static_cast<std::size_t>(count));
+  gatherBlocks(whole, own, own, matrix);
   for (int j = 0; j < count; ++j) {
     const int at = contacts[j];
-    for (int i = 0; i < count; ++i) {
-      matrix.block<3, 3>(3 * i, 3 * j) = whole.delassus.block<3, 3>(3 * contacts[i], 3 * at);
-    }
     part_free_.segment<3>(3 * j) = whole.free.segment<3>(3 * at);
     part_lambda_.segment<3>(3 * j) = lambda.segment<3>(3 * at);
     part_bias_[j] = whole.bias[at];
@@ -548,7 +554,7 @@ void ContactSolver::find(const ContactProblem& problem, double enough, double to
     newtonPhase(problem, tolerance, best_, 20, work);
   } else if (hinted) {
     if (!opensAgainst(problem)) newtonPhase(problem, tolerance, best_, 20, work, 0);
-    if (best_.residual > tolerance) doubtPhase(problem, tolerance, acceptable, best_, work);
+    if (best_.residual > tolerance) doubtPhase(problem, tolerance, acceptable, work);
   }
   alternate(problem, tolerance, best_, 2, work);
   if (best_.residual > acceptable) interior(problem, tolerance, acceptable, best_, work);

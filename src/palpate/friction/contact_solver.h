@@ -68,7 +68,6 @@ class ContactSolver {
   struct Work {
     int max_iterations = 0;
     double max_operations = 0.0;
-    double rows = 0.0;     ///< 3m
     double product = 0.0;  ///< what a product with W counts as
     int iterations = 0;
     double operations = 0.0;
@@ -76,7 +75,7 @@ class ContactSolver {
     double remaining() const { return max_operations - operations; }
     /// @param contacts  of the problem
     void begin(double contacts, int iterations_at_most, double operations_at_most) {
-      *this = {iterations_at_most, operations_at_most, 3.0 * contacts, 90.0 * contacts * contacts};
+      *this = {iterations_at_most, operations_at_most, 90.0 * contacts * contacts};
     }
     void spend(double cost) {
       ++iterations;
@@ -93,6 +92,7 @@ class ContactSolver {
   double residual(const ContactProblem& problem) const;
   double keepBest(const ContactProblem& problem, Best& best);
   void goTo(const ContactProblem& problem, const Best& best);
+  Vec3 augmented(const ContactProblem& problem, Eigen::Index i) const;
   void classify(const ContactProblem& problem);
   void walk(const FrictionCone& cone, const std::vector<ContactStatus>& before);
   void settleStates(const ContactProblem& problem);
@@ -115,7 +115,7 @@ class ContactSolver {
   bool inDoubt(const ContactProblem& problem, Eigen::Index i, double tolerance) const;
   bool findDoubtful(const ContactProblem& problem, double tolerance);
   bool opensAgainst(const ContactProblem& problem) const;
-  void doubtPhase(const ContactProblem& problem, double tolerance, double acceptable, Best& best, Work& work);
+  void doubtPhase(const ContactProblem& problem, double tolerance, double acceptable, Work& work);
   bool newton(const ContactProblem& problem, double tolerance, Work& work);
   void chooseFree(const ContactProblem& problem);
   void setCurvature(const ContactProblem& problem);

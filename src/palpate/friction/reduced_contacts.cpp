@@ -10,16 +10,6 @@ using MapX = Eigen::Map<MatX>;
 
 constexpr double kRegularization = 1e-9;  // of rho: contacts that stick may be redundant
 
-/// Blocks of W at the given contacts' rows and columns.
-void gather(const ContactProblem& whole, const std::vector<int>& rows, const std::vector<int>& columns, MapX& out) {
-  for (std::size_t j = 0; j < columns.size(); ++j) {
-    for (std::size_t i = 0; i < rows.size(); ++i) {
-      out.block<3, 3>(static_cast<Eigen::Index>(3 * i), static_cast<Eigen::Index>(3 * j)) =
-          whole.delassus.block<3, 3>(3 * rows[i], 3 * columns[j]);
-    }
-  }
-}
-
 }  // namespace
 
 bool ReducedContacts::form(const ContactProblem& whole, const VecX& rho, const VecX& lambda) {
@@ -29,9 +19,9 @@ bool ReducedContacts::form(const ContactProblem& whole, const VecX& rho, const V
   grow(coupling_, s * d);
   grow(matrix_, d * d);
   MapX factor(factor_.data(), s, s), coupling(coupling_.data(), s, d), matrix(matrix_.data(), d, d);
-  gather(whole, sticking, sticking, factor);
-  gather(whole, sticking, doubtful, coupling);
-  gather(whole, doubtful, doubtful, matrix);
+  gatherBlocks(whole, sticking, sticking, factor);
+  gatherBlocks(whole, sticking, doubtful, coupling);
+  gatherBlocks(whole, doubtful, doubtful, matrix);
   contactVelocity(whole, lambda, shares_, velocity_);
   rest_.resize(s);
   for (std::size_t k = 0; k < sticking.size(); ++k) {

@@ -18,9 +18,8 @@ namespace palpate {
 namespace {
 
 constexpr double kInside = 1e-4;  // of the tool's diagonal: a vertex less deep is on the surface, not on the wrong side
-constexpr double kRounding =
-    1.01;                          // by which a vertex may be deeper than contact's own tolerance, which a step ends at
-constexpr double kDeepest = 1e-3;  // of the diagonal
+constexpr double kRounding = 1.01;                       // of contact's own tolerance, at which a vertex may rest
+constexpr double kDeepest = 1e-3;                        // of the diagonal
 constexpr double kCutShare = 1e-3;                       // of all steps
 constexpr double kEnergyMade = 5e-4;                     // in one step [J]
 constexpr double kLastSecond = 1.0;                      // of a ride [s]
