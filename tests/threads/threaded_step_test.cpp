@@ -9,6 +9,7 @@
 #include "palpate/threads/thread_team.h"
 #include "palpate/visual/live_step.h"
 #include "shared/contact_scenes.h"
+#include "shared/lattice_matrices.h"
 
 namespace palpate {
 namespace {
@@ -146,6 +147,36 @@ void expectSameModels(Scene (*make)(), int steps, int least_contacts) {
       EXPECT_TRUE(a.arm == b.arm && a.torque == b.torque) << threads << " threads, step " << n;
       EXPECT_TRUE(a.force == b.force && a.speed == b.speed) << threads << " threads, step " << n;
       EXPECT_TRUE(a.contact_force == b.contact_force) << threads << " threads, step " << n;
+    }
+  }
+}
+
+// One column goes through the subtrees of the factor, a few go in two chunks; with contact last and without.
+TEST(ThreadedStep, AFactorSolvesTheSame) {
+  const LatticeMatrix bar = barMatrix(8, 8, 9);
+  const int rows = 3 * bar.matrix.size;
+  const MatX loads = MatX::NullaryExpr(
+      rows, 40, [](Eigen::Index i, Eigen::Index j) { return std::sin(static_cast<double>(3 * i + 7 * j)); });
+  for (const std::vector<int>& last : {std::vector<int>(), bar.bottom}) {
+    SparseCholesky factor;
+    factor.analyze(bar.matrix, last, SparseCholesky::Numeric::compact);
+    ASSERT_TRUE(factor.factorize(bar.matrix));
+    ASSERT_GT(factor.statistics().nonzeros, 150'000U);  // worth its parts
+    const auto below = static_cast<Eigen::Index>(3 * last.size());
+    for (const int columns : {1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 12, 16, 17, 25, 40}) {
+      MatX alone = loads.leftCols(columns), from_last = MatX::Zero(rows, columns);
+      factor.solve(alone);
+      factor.solveFromTrailing(loads.topLeftCorner(below, columns), from_last);
+      EXPECT_LT((bar.matrix.multiplyColumns(alone) - loads.leftCols(columns)).norm(), 1e-10 * alone.norm()) << columns;
+      for (const int threads : {1, 2, 4}) {
+        ThreadTeam team(threads);
+        const ExecutorScope scope(&team);
+        MatX again = loads.leftCols(columns), again_from_last = MatX::Zero(rows, columns);
+        factor.solve(again);
+        factor.solveFromTrailing(loads.topLeftCorner(below, columns), again_from_last);
+        EXPECT_TRUE(again == alone) << columns << " columns, " << threads << " threads";
+        EXPECT_TRUE(again_from_last == from_last) << columns << " columns, " << threads << " threads";
+      }
     }
   }
 }

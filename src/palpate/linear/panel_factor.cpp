@@ -73,7 +73,10 @@ void PanelFactor::setStructure(std::vector<Panel> panels, std::vector<int> rows)
   }
   inverse_diagonal_.assign(3 * panel_of_.size(), 0.0);
   products_.assign(1, std::vector<double>(3 * (3 * static_cast<std::size_t>(most_rows) + 24), 0.0));
-  gather_.assign(3 * static_cast<std::size_t>(most_rows) + 24, 0.0);
+  parts_.clear();
+  top_.clear();
+  const std::size_t room = 3 * static_cast<std::size_t>(most_rows) + 24;
+  rooms_.assign(1, {std::vector<double>(room, 0.0), std::vector<double>(room, 0.0), {}});
   updates_.clear();
   update_begin_.clear();
   map_.clear();
@@ -199,6 +202,21 @@ void PanelFactor::planParts() {
   for (std::vector<int>& part : parts_) std::reverse(part.begin(), part.end());
   std::reverse(top_.begin(), top_.end());
   products_.resize(top_.size() == count ? 1 : kMostParts, products_.front());
+  planTop();
+}
+
+// Where the parts leave what they take off the panels on top.
+void PanelFactor::planTop() {
+  top_nodes_.clear();
+  top_place_.assign(panel_of_.size(), -1);
+  for (const int s : top_) {
+    for (int j = panels_[s].first; j < panels_[s].first + panels_[s].columns; ++j) {
+      top_place_[j] = static_cast<int>(top_nodes_.size());
+      top_nodes_.push_back(j);
+    }
+  }
+  rooms_.resize(std::max<std::size_t>(parts_.size(), 1), rooms_.front());
+  for (Room& room : rooms_) room.top.assign(3 * top_nodes_.size(), 0.0);
 }
 
 // What earlier panels take off the columns [first_column, last_column) of a panel.
@@ -405,78 +423,186 @@ void PanelFactor::backward(const double* values, double* x) const {
   }
 }
 
-// One right-hand side: the same along the columns of the panels, which are contiguous.
+namespace {
+
+constexpr int kShared = 40'000;  // entries of a part of a panel's product; some 20 us
+constexpr int kMostShares = 8;
+
+int sharesOf(int width, int below) { return std::clamp(width * below / kShared, 1, kMostShares); }
+
+// Calls f(begin, end) for ranges of the rows below a panel; each begins with a pair of packs.
+template <class F>
+void shareRows(int width, int below, F&& f) {
+  constexpr int kPair = 2 * kLanes;
+  parallelRanges(sharesOf(width, below), (below + kPair - 1) / kPair,
+                 [&](int begin, int end) { f(kPair * begin, std::min(kPair * end, below)); });
+}
+
+// The same for its columns, node by node.
+template <class F>
+void shareColumns(int width, int below, F&& f) {
+  parallelRanges(sharesOf(width, below), width / 3, [&](int begin, int end) { f(3 * begin, 3 * end); });
+}
+
+}  // namespace
+
+// One right-hand side: the same along the columns of the panels, which are contiguous. What a panel's rows below take
+// or give is a product of its own, so that large panels on top can be shared out.
+
+// The panel's own rows.
+void PanelFactor::forwardOwn(const double* values, int index, double* x) const {
+  const Panel& panel = panels_[index];
+  const int width = 3 * panel.columns;
+  double* own = x + 3 * panel.first;
+  const double* column = values + panel.value;
+  for (int k = 0; k < width; ++k, column += panel.stride) {
+    own[k] *= inverse_diagonal_[3 * panel.first + k];
+    for (int r = k + 1; r < width; ++r) own[r] -= column[r] * own[k];
+  }
+}
+
+// What they take off the rows [begin, end) below; begin is a multiple of two packs.
+void PanelFactor::forwardBelow(const double* values, int index, const double* x, int begin, int end,
+                               double* sum) const {
+  const Panel& panel = panels_[index];
+  const int width = 3 * panel.columns;
+  const double* own = x + 3 * panel.first;
+  const double* block = values + panel.value + width + begin;
+  for (int r = begin; r < end; r += 2 * kLanes, block += 2 * kLanes) {
+    Pack s0 = {}, s1 = {};
+    const double* a = block;
+    for (int k = 0; k < width; ++k, a += panel.stride) {
+      Pack a0, a1;
+      load(a0, a);
+      load(a1, a + kLanes);
+      s0 += a0 * own[k];
+      s1 += a1 * own[k];
+    }
+    store(sum + r, s0);
+    store(sum + r + kLanes, s1);
+  }
+}
+
+void PanelFactor::forwardOf(const double* values, int index, double* x) const {
+  const Panel& panel = panels_[index];
+  const int below = 3 * (panel.rows - panel.columns);
+  double* sum = rooms_.front().below.data();
+  forwardOwn(values, index, x);
+  shareRows(3 * panel.columns, below, [&](int begin, int end) { forwardBelow(values, index, x, begin, end, sum); });
+  const int* rows = rows_.data() + panel.row_begin + panel.columns;
+  for (int r = 0; r < below / 3; ++r)
+    for (int i = 0; i < 3; ++i) x[3 * rows[r] + i] -= sum[3 * r + i];
+}
+
+// Parts have rows of their own, and leave beside each other what they take off those on top.
+void PanelFactor::forwardInParts(const double* values, double* x) const {
+  parallelFor(static_cast<int>(parts_.size()), [&](int part) {
+    Room& room = rooms_[part];
+    std::fill(room.top.begin(), room.top.end(), 0.0);
+    for (const int s : parts_[part]) {
+      const Panel& panel = panels_[s];
+      const int below = panel.rows - panel.columns;
+      double* sum = room.below.data();
+      forwardOwn(values, s, x);
+      forwardBelow(values, s, x, 0, 3 * below, sum);
+      const int* rows = rows_.data() + panel.row_begin + panel.columns;
+      for (int r = 0; r < below; ++r) {
+        const int top = top_place_[rows[r]];
+        double* to = top < 0 ? x + 3 * rows[r] : room.top.data() + 3 * top;
+        for (int i = 0; i < 3; ++i) to[i] -= sum[3 * r + i];
+      }
+    }
+  });
+  for (const Room& room : rooms_) {
+    for (std::size_t k = 0; k < top_nodes_.size(); ++k)
+      for (std::size_t i = 0; i < 3; ++i) x[3 * static_cast<std::size_t>(top_nodes_[k]) + i] += room.top[3 * k + i];
+  }
+  for (const int s : top_) forwardOf(values, s, x);
+}
 
 template <>
 void PanelFactor::forward<1>(const double* values, double* x, int begin, std::span<const char> active) const {
-  for (std::size_t s = static_cast<std::size_t>(begin); s < panels_.size(); ++s) {
-    if (!active.empty() && !active[s]) continue;
-    const Panel& panel = panels_[s];
-    const int width = 3 * panel.columns;
-    const int below = 3 * (panel.rows - panel.columns);
-    double* own = x + 3 * panel.first;
-    const double* column = values + panel.value;
-    for (int k = 0; k < width; ++k, column += panel.stride) {
-      own[k] *= inverse_diagonal_[3 * panel.first + k];
-      for (int r = k + 1; r < width; ++r) own[r] -= column[r] * own[k];
-    }
-    double* sum = gather_.data();
-    const double* block = values + panel.value + width;
-    for (int r = 0; r < below; r += 2 * kLanes, block += 2 * kLanes) {
-      Pack s0 = {}, s1 = {};
-      const double* a = block;
-      for (int k = 0; k < width; ++k, a += panel.stride) {
-        Pack a0, a1;
-        load(a0, a);
-        load(a1, a + kLanes);
-        s0 += a0 * own[k];
-        s1 += a1 * own[k];
-      }
-      store(sum + r, s0);
-      store(sum + r + kLanes, s1);
-    }
-    const int* rows = rows_.data() + panel.row_begin + panel.columns;
-    for (int r = 0; r < below / 3; ++r)
-      for (int i = 0; i < 3; ++i) x[3 * rows[r] + i] -= sum[3 * r + i];
+  if (begin == 0 && active.empty() && inParts()) {
+    forwardInParts(values, x);
+    return;
   }
+  for (int s = begin; s < static_cast<int>(panels_.size()); ++s) {
+    if (active.empty() || active[s]) forwardOf(values, s, x);
+  }
+}
+
+// Products of the columns [begin, end), multiples of 3, with the rows below.
+void PanelFactor::backwardBelow(const double* values, int index, const double* below_x, int begin, int end,
+                                double* dots) const {
+  const Panel& panel = panels_[index];
+  const int width = 3 * panel.columns, below = 3 * (panel.rows - panel.columns);
+  for (int j = begin; j < end; j += 3) {
+    const double* c0 = values + panel.value + static_cast<std::size_t>(j) * panel.stride + width;
+    const double* c1 = c0 + panel.stride;
+    const double* c2 = c1 + panel.stride;
+    Pack p0 = {}, p1 = {}, p2 = {};
+    for (int r = 0; r < below; r += kLanes) {
+      Pack xr, a0, a1, a2;
+      load(xr, below_x + r);
+      load(a0, c0 + r);
+      load(a1, c1 + r);
+      load(a2, c2 + r);
+      p0 += a0 * xr;
+      p1 += a1 * xr;
+      p2 += a2 * xr;
+    }
+    double s0 = 0, s1 = 0, s2 = 0;
+    for (int i = 0; i < kLanes; ++i) s0 += p0[i], s1 += p1[i], s2 += p2[i];
+    dots[j] = s0, dots[j + 1] = s1, dots[j + 2] = s2;
+  }
+}
+
+// The panel's own rows, given those products.
+void PanelFactor::backwardOwn(const double* values, int index, const double* dots, double* x) const {
+  const Panel& panel = panels_[index];
+  const int width = 3 * panel.columns;
+  double* own = x + 3 * panel.first;
+  for (int j = width - 3; j >= 0; j -= 3) {
+    const double* c0 = values + panel.value + static_cast<std::size_t>(j) * panel.stride;
+    const double* c1 = c0 + panel.stride;
+    const double* c2 = c1 + panel.stride;
+    double s0 = dots[j], s1 = dots[j + 1], s2 = dots[j + 2];
+    for (int r = j + 3; r < width; ++r) s0 += c0[r] * own[r], s1 += c1[r] * own[r], s2 += c2[r] * own[r];
+    const double* inverse = inverse_diagonal_.data() + 3 * panel.first + j;
+    own[j + 2] = (own[j + 2] - s2) * inverse[2];
+    own[j + 1] = (own[j + 1] - s1 - c1[j + 2] * own[j + 2]) * inverse[1];
+    own[j] = (own[j] - s0 - c0[j + 1] * own[j + 1] - c0[j + 2] * own[j + 2]) * inverse[0];
+  }
+}
+
+void PanelFactor::backwardOf(const double* values, int index, Room& room, double* x) const {
+  const Panel& panel = panels_[index];
+  const int width = 3 * panel.columns, below = 3 * (panel.rows - panel.columns);
+  const int* rows = rows_.data() + panel.row_begin + panel.columns;
+  double* below_x = room.below.data();
+  for (int r = 0; r < below / 3; ++r)
+    for (int i = 0; i < 3; ++i) below_x[3 * r + i] = x[3 * rows[r] + i];
+  std::fill(below_x + below, below_x + below + kLanes, 0.0);  // rows that the last pack has too many
+  double* dots = room.dots.data();
+  shareColumns(width, below, [&](int begin, int end) { backwardBelow(values, index, below_x, begin, end, dots); });
+  backwardOwn(values, index, dots, x);
+}
+
+void PanelFactor::backwardInParts(const double* values, double* x) const {
+  for (std::size_t k = top_.size(); k-- > 0;) backwardOf(values, top_[k], rooms_.front(), x);
+  parallelFor(static_cast<int>(parts_.size()), [&](int part) {
+    const std::vector<int>& own = parts_[part];
+    for (std::size_t k = own.size(); k-- > 0;) backwardOf(values, own[k], rooms_[part], x);
+  });
 }
 
 template <>
 void PanelFactor::backward<1>(const double* values, double* x) const {
-  for (std::size_t s = panels_.size(); s-- > 0;) {
-    const Panel& panel = panels_[s];
-    const int width = 3 * panel.columns;
-    const int below = 3 * (panel.rows - panel.columns);
-    const int* rows = rows_.data() + panel.row_begin + panel.columns;
-    double* below_x = gather_.data();
-    for (int r = 0; r < below / 3; ++r)
-      for (int i = 0; i < 3; ++i) below_x[3 * r + i] = x[3 * rows[r] + i];
-    std::fill(below_x + below, below_x + below + kLanes, 0.0);  // rows that the last pack has too many
-    double* own = x + 3 * panel.first;
-    for (int j = width - 3; j >= 0; j -= 3) {
-      const double* c0 = values + panel.value + static_cast<std::size_t>(j) * panel.stride;
-      const double* c1 = c0 + panel.stride;
-      const double* c2 = c1 + panel.stride;
-      Pack p0 = {}, p1 = {}, p2 = {};
-      for (int r = 0; r < below; r += kLanes) {
-        Pack xr, a0, a1, a2;
-        load(xr, below_x + r);
-        load(a0, c0 + width + r);
-        load(a1, c1 + width + r);
-        load(a2, c2 + width + r);
-        p0 += a0 * xr;
-        p1 += a1 * xr;
-        p2 += a2 * xr;
-      }
-      double s0 = 0, s1 = 0, s2 = 0;
-      for (int i = 0; i < kLanes; ++i) s0 += p0[i], s1 += p1[i], s2 += p2[i];
-      for (int r = j + 3; r < width; ++r) s0 += c0[r] * own[r], s1 += c1[r] * own[r], s2 += c2[r] * own[r];
-      const double* inverse = inverse_diagonal_.data() + 3 * panel.first + j;
-      own[j + 2] = (own[j + 2] - s2) * inverse[2];
-      own[j + 1] = (own[j + 1] - s1 - c1[j + 2] * own[j + 2]) * inverse[1];
-      own[j] = (own[j] - s0 - c0[j + 1] * own[j + 1] - c0[j + 2] * own[j + 2]) * inverse[0];
-    }
+  if (inParts()) {
+    backwardInParts(values, x);
+    return;
   }
+  for (int s = static_cast<int>(panels_.size()); s-- > 0;) backwardOf(values, s, rooms_.front(), x);
 }
 
 template void PanelFactor::forward<4>(const double*, double*, int, std::span<const char>) const;

@@ -135,6 +135,7 @@ struct SparseCholesky::Impl {
   void scatterBack(Eigen::Ref<MatX> to, Eigen::Index column, Eigen::Index count, bool permuted,
                    const double* from) const;
   void markActive(Eigen::Index width);
+  Eigen::Index chunkFor(Eigen::Index columns) const;
 
   cholmod_common common;
   cholmod_factor* symbolic = nullptr;
@@ -413,16 +414,27 @@ bool SparseCholesky::factorize(const SymmetricBlockMatrix& values) {
   return true;
 }
 
+// Columns have the same bits in chunks of 4, 8 and 16, though not alone: so few that one chunk would hold them are
+// shared with a second thread.
+Eigen::Index SparseCholesky::Impl::chunkFor(Eigen::Index columns) const {
+  constexpr Eigen::Index kNarrow = 4;
+  const Executor* executor = Executor::current();
+  const bool alone = executor == nullptr || executor->threads() < 2 || statistics.nonzeros < kLeastShared;
+  if (alone || columns <= kNarrow || columns > kChunk) return kChunk;
+  const Eigen::Index chunk = columns <= 2 * kNarrow ? kNarrow : 2 * kNarrow;
+  return columns % chunk == 1 ? kChunk : chunk;
+}
+
 void SparseCholesky::solve(Eigen::Ref<MatX> rhs) {
   Impl& m = *impl_;
-  const Eigen::Index chunks = (rhs.cols() + Impl::kChunk - 1) / Impl::kChunk;
-  const std::size_t size = 3 * m.order.size() * Impl::kChunk;
+  const Eigen::Index chunk = m.chunkFor(rhs.cols()), chunks = (rhs.cols() + chunk - 1) / chunk;
+  const std::size_t size = 3 * m.order.size() * static_cast<std::size_t>(chunk);
   const bool together = chunks > 1 && m.statistics.nonzeros >= Impl::kLeastShared;
   if (together) m.work.resize(std::max(m.work.size(), static_cast<std::size_t>(chunks) * size));
   const auto solveChunk = [&](int k) {
     double* const work = m.work.data() + (together ? static_cast<std::size_t>(k) * size : 0);
-    const Eigen::Index begin = k * Impl::kChunk;
-    Impl::inChunk(begin, std::min(rhs.cols() - begin, Impl::kChunk), [&](auto width, Eigen::Index column, auto count) {
+    const Eigen::Index begin = k * chunk;
+    Impl::inChunk(begin, std::min(rhs.cols() - begin, chunk), [&](auto width, Eigen::Index column, auto count) {
       constexpr int W = decltype(width)::value;
       m.gather<W>(rhs, column, count, work);
       m.panels.forward<W>(m.factor, work, 0);
