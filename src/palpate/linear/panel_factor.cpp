@@ -205,18 +205,16 @@ void PanelFactor::planParts() {
   planTop();
 }
 
-// Where the parts leave what they take off the panels on top.
+// Where the parts leave what they take off the panels on top: their columns, one panel after the other.
 void PanelFactor::planTop() {
-  top_nodes_.clear();
+  if (!inParts()) return;
+  int columns = 0;
   top_place_.assign(panel_of_.size(), -1);
   for (const int s : top_) {
-    for (int j = panels_[s].first; j < panels_[s].first + panels_[s].columns; ++j) {
-      top_place_[j] = static_cast<int>(top_nodes_.size());
-      top_nodes_.push_back(j);
-    }
+    for (int j = 0; j < panels_[s].columns; ++j) top_place_[panels_[s].first + j] = columns++;
   }
-  rooms_.resize(std::max<std::size_t>(parts_.size(), 1), rooms_.front());
-  for (Room& room : rooms_) room.top.assign(3 * top_nodes_.size(), 0.0);
+  rooms_.resize(parts_.size(), rooms_.front());
+  for (Room& room : rooms_) room.top.assign(3 * static_cast<std::size_t>(columns), 0.0);
 }
 
 // What earlier panels take off the columns [first_column, last_column) of a panel.
@@ -449,19 +447,7 @@ void shareColumns(int width, int below, F&& f) {
 // One right-hand side: the same along the columns of the panels, which are contiguous. What a panel's rows below take
 // or give is a product of its own, so that large panels on top can be shared out.
 
-// The panel's own rows.
-void PanelFactor::forwardOwn(const double* values, int index, double* x) const {
-  const Panel& panel = panels_[index];
-  const int width = 3 * panel.columns;
-  double* own = x + 3 * panel.first;
-  const double* column = values + panel.value;
-  for (int k = 0; k < width; ++k, column += panel.stride) {
-    own[k] *= inverse_diagonal_[3 * panel.first + k];
-    for (int r = k + 1; r < width; ++r) own[r] -= column[r] * own[k];
-  }
-}
-
-// What they take off the rows [begin, end) below; begin is a multiple of two packs.
+// What a panel's own rows take off the rows [begin, end) below; begin is a multiple of two packs.
 void PanelFactor::forwardBelow(const double* values, int index, const double* x, int begin, int end,
                                double* sum) const {
   const Panel& panel = panels_[index];
@@ -483,52 +469,47 @@ void PanelFactor::forwardBelow(const double* values, int index, const double* x,
   }
 }
 
-void PanelFactor::forwardOf(const double* values, int index, double* x) const {
+// What the panel takes off panels on top goes to `top`, or to x where that is null.
+void PanelFactor::forwardOf(const double* values, int index, Room& room, double* x, double* top) const {
   const Panel& panel = panels_[index];
-  const int below = 3 * (panel.rows - panel.columns);
-  double* sum = rooms_.front().below.data();
-  forwardOwn(values, index, x);
-  shareRows(3 * panel.columns, below, [&](int begin, int end) { forwardBelow(values, index, x, begin, end, sum); });
-  const int* rows = rows_.data() + panel.row_begin + panel.columns;
-  for (int r = 0; r < below / 3; ++r)
-    for (int i = 0; i < 3; ++i) x[3 * rows[r] + i] -= sum[3 * r + i];
-}
-
-// Parts have rows of their own, and leave beside each other what they take off those on top.
-void PanelFactor::forwardInParts(const double* values, double* x) const {
-  parallelFor(static_cast<int>(parts_.size()), [&](int part) {
-    Room& room = rooms_[part];
-    std::fill(room.top.begin(), room.top.end(), 0.0);
-    for (const int s : parts_[part]) {
-      const Panel& panel = panels_[s];
-      const int below = panel.rows - panel.columns;
-      double* sum = room.below.data();
-      forwardOwn(values, s, x);
-      forwardBelow(values, s, x, 0, 3 * below, sum);
-      const int* rows = rows_.data() + panel.row_begin + panel.columns;
-      for (int r = 0; r < below; ++r) {
-        const int top = top_place_[rows[r]];
-        double* to = top < 0 ? x + 3 * rows[r] : room.top.data() + 3 * top;
-        for (int i = 0; i < 3; ++i) to[i] -= sum[3 * r + i];
-      }
-    }
-  });
-  for (const Room& room : rooms_) {
-    for (std::size_t k = 0; k < top_nodes_.size(); ++k)
-      for (std::size_t i = 0; i < 3; ++i) x[3 * static_cast<std::size_t>(top_nodes_[k]) + i] += room.top[3 * k + i];
+  const int width = 3 * panel.columns, below = 3 * (panel.rows - panel.columns);
+  double* own = x + 3 * panel.first;
+  const double* column = values + panel.value;
+  for (int k = 0; k < width; ++k, column += panel.stride) {
+    own[k] *= inverse_diagonal_[3 * panel.first + k];
+    for (int r = k + 1; r < width; ++r) own[r] -= column[r] * own[k];
   }
-  for (const int s : top_) forwardOf(values, s, x);
+  double* sum = room.below.data();
+  shareRows(width, below, [&](int begin, int end) { forwardBelow(values, index, x, begin, end, sum); });
+  const int* rows = rows_.data() + panel.row_begin + panel.columns;
+  for (int r = 0; r < below / 3; ++r) {
+    const int place = top != nullptr ? top_place_[rows[r]] : -1;
+    double* to = place < 0 ? x + 3 * rows[r] : top + 3 * place;
+    for (int i = 0; i < 3; ++i) to[i] -= sum[3 * r + i];
+  }
 }
 
 template <>
 void PanelFactor::forward<1>(const double* values, double* x, int begin, std::span<const char> active) const {
-  if (begin == 0 && active.empty() && inParts()) {
-    forwardInParts(values, x);
+  if (begin > 0 || !active.empty() || !inParts()) {
+    for (int s = begin; s < static_cast<int>(panels_.size()); ++s) {
+      if (active.empty() || active[s]) forwardOf(values, s, rooms_.front(), x, nullptr);
+    }
     return;
   }
-  for (int s = begin; s < static_cast<int>(panels_.size()); ++s) {
-    if (active.empty() || active[s]) forwardOf(values, s, x);
+  parallelFor(static_cast<int>(parts_.size()), [&](int part) {
+    Room& room = rooms_[part];
+    std::fill(room.top.begin(), room.top.end(), 0.0);
+    for (const int s : parts_[part]) forwardOf(values, s, room, x, room.top.data());
+  });
+  for (const Room& room : rooms_) {
+    const double* from = room.top.data();
+    for (const int s : top_) {
+      double* to = x + 3 * panels_[s].first;
+      for (int k = 0; k < 3 * panels_[s].columns; ++k) to[k] += *from++;
+    }
   }
+  for (const int s : top_) forwardOf(values, s, rooms_.front(), x, nullptr);
 }
 
 // Products of the columns [begin, end), multiples of 3, with the rows below.
@@ -557,10 +538,16 @@ void PanelFactor::backwardBelow(const double* values, int index, const double* b
   }
 }
 
-// The panel's own rows, given those products.
-void PanelFactor::backwardOwn(const double* values, int index, const double* dots, double* x) const {
+void PanelFactor::backwardOf(const double* values, int index, Room& room, double* x) const {
   const Panel& panel = panels_[index];
-  const int width = 3 * panel.columns;
+  const int width = 3 * panel.columns, below = 3 * (panel.rows - panel.columns);
+  const int* rows = rows_.data() + panel.row_begin + panel.columns;
+  double* below_x = room.below.data();
+  for (int r = 0; r < below / 3; ++r)
+    for (int i = 0; i < 3; ++i) below_x[3 * r + i] = x[3 * rows[r] + i];
+  std::fill(below_x + below, below_x + below + kLanes, 0.0);  // rows that the last pack has too many
+  double* dots = room.dots.data();
+  shareColumns(width, below, [&](int begin, int end) { backwardBelow(values, index, below_x, begin, end, dots); });
   double* own = x + 3 * panel.first;
   for (int j = width - 3; j >= 0; j -= 3) {
     const double* c0 = values + panel.value + static_cast<std::size_t>(j) * panel.stride;
@@ -575,34 +562,17 @@ void PanelFactor::backwardOwn(const double* values, int index, const double* dot
   }
 }
 
-void PanelFactor::backwardOf(const double* values, int index, Room& room, double* x) const {
-  const Panel& panel = panels_[index];
-  const int width = 3 * panel.columns, below = 3 * (panel.rows - panel.columns);
-  const int* rows = rows_.data() + panel.row_begin + panel.columns;
-  double* below_x = room.below.data();
-  for (int r = 0; r < below / 3; ++r)
-    for (int i = 0; i < 3; ++i) below_x[3 * r + i] = x[3 * rows[r] + i];
-  std::fill(below_x + below, below_x + below + kLanes, 0.0);  // rows that the last pack has too many
-  double* dots = room.dots.data();
-  shareColumns(width, below, [&](int begin, int end) { backwardBelow(values, index, below_x, begin, end, dots); });
-  backwardOwn(values, index, dots, x);
-}
-
-void PanelFactor::backwardInParts(const double* values, double* x) const {
+template <>
+void PanelFactor::backward<1>(const double* values, double* x) const {
+  if (!inParts()) {
+    for (int s = static_cast<int>(panels_.size()); s-- > 0;) backwardOf(values, s, rooms_.front(), x);
+    return;
+  }
   for (std::size_t k = top_.size(); k-- > 0;) backwardOf(values, top_[k], rooms_.front(), x);
   parallelFor(static_cast<int>(parts_.size()), [&](int part) {
     const std::vector<int>& own = parts_[part];
     for (std::size_t k = own.size(); k-- > 0;) backwardOf(values, own[k], rooms_[part], x);
   });
-}
-
-template <>
-void PanelFactor::backward<1>(const double* values, double* x) const {
-  if (inParts()) {
-    backwardInParts(values, x);
-    return;
-  }
-  for (int s = static_cast<int>(panels_.size()); s-- > 0;) backwardOf(values, s, rooms_.front(), x);
 }
 
 template void PanelFactor::forward<4>(const double*, double*, int, std::span<const char>) const;

@@ -35,8 +35,8 @@ class PanelFactor {
 
   /// x <- L^-1 x and x <- L^-T x from panel `begin` on (forward), or down to panel 0 (backward), on a row-major block
   /// of W right-hand sides [3 nodes x W], W one of 1, 4, 8 and 16. `active` (forward only): panels to visit, all if
-  /// empty. With one right-hand side, panels that planUpdates() has dealt out are visited part by part, which
-  /// parallelFor() runs; the result does not depend on threads.
+  /// empty. With one right-hand side, panels of a large factor that planUpdates() has dealt out are visited part by
+  /// part, which parallelFor() runs; the result does not depend on threads.
   template <int W>
   void forward(const double* values, double* x, int begin, std::span<const char> active = {}) const;
   template <int W>
@@ -62,7 +62,7 @@ class PanelFactor {
   struct Room {                 // of a part, for single right-hand sides
     std::vector<double> below;  // rows below a panel
     std::vector<double> dots;   // columns of a panel
-    std::vector<double> top;    // what the part takes off the rows of top_, in the order of top_nodes_
+    std::vector<double> top;    // what the part takes off the columns of top_
   };
   struct Forest;
   double ownWork(int panel) const;
@@ -73,14 +73,10 @@ class PanelFactor {
   bool factorizePanel(double* values, int panel, std::vector<double>& product);
   bool factorizeOnTop(double* values, int panel);
   bool inParts() const { return parts_.size() > 1 && value_count_ >= kLeastInParts; }
-  void forwardOwn(const double* values, int panel, double* x) const;
   void forwardBelow(const double* values, int panel, const double* x, int begin, int end, double* sum) const;
-  void forwardOf(const double* values, int panel, double* x) const;
-  void forwardInParts(const double* values, double* x) const;
+  void forwardOf(const double* values, int panel, Room& room, double* x, double* top) const;
   void backwardBelow(const double* values, int panel, const double* below_x, int begin, int end, double* dots) const;
-  void backwardOwn(const double* values, int panel, const double* dots, double* x) const;
   void backwardOf(const double* values, int panel, Room& room, double* x) const;
-  void backwardInParts(const double* values, double* x) const;
 
   std::vector<Panel> panels_;
   std::vector<int> rows_;
@@ -95,8 +91,7 @@ class PanelFactor {
   static constexpr std::size_t kLeastInParts = 100'000;  // entries; one right-hand side then takes some 100 us
   std::vector<double> inverse_diagonal_;
   std::vector<std::vector<double>> products_;  // 3 columns of one update, for each part
-  std::vector<int> top_nodes_;                 // columns of top_
-  std::vector<int> top_place_;                 // of a node in top_nodes_, -1
+  std::vector<int> top_place_;                 // of a node among the columns of top_, -1
   mutable std::vector<Room> rooms_;            // of each part
 };
 
