@@ -144,6 +144,43 @@ TEST(PairFront, NeighborsOfOneSurfaceAreNotLookedAtAgainWhileNothingMoves) {
   EXPECT_TRUE(found.empty());
 }
 
+// Of two balls that touch, one is thrown through the other: a search that stops on the way costs the next ones nothing,
+// whether it stops in the trees (one piece of time) or among what meets (many).
+TEST(PairFront, ASearchThatIsGivenUpLeavesWhatWasKnown) {
+  for (const int pieces : {1, 8}) {
+    CollisionSurface a(sphereSurface(0.02, 3)), b(sphereSurface(0.02, 3));
+    const auto at = [](double height) { return affine(Mat3::Identity(), Vec3(0, 0, height)); };
+    PairSettings settings;
+    settings.max_pieces = pieces;
+    SurfacePairFinder finder(settings);
+    PairFront front;
+    std::vector<FeaturePair> kept, fresh;
+    const auto search = [&](double height, double allowed) {
+      place(a, at(0), at(0));
+      place(b, at(0.0401), at(height));
+      front.moved(0);
+      finder.allow(allowed);
+      kept.clear();
+      finder.find(a, b, 2e-4, kept, &front);
+      return finder.tested();
+    };
+    const double first = search(0.0401, 1e9), calm = search(0.0401, 1e9);
+    ASSERT_LT(calm, 0.7 * first);
+    search(0.0, 5);
+    ASSERT_TRUE(finder.gaveUp());
+    search(0.0, 5);
+    ASSERT_TRUE(finder.gaveUp());
+    EXPECT_LE(search(0.0401, 1e9), calm) << pieces;
+    finder.find(a, b, 2e-4, fresh);
+    EXPECT_FALSE(fresh.empty());
+    expectSame(kept, fresh, pieces);
+    search(0.03, 1e9);
+    fresh.clear();
+    finder.find(a, b, 2e-4, fresh);
+    expectSame(kept, fresh, pieces);
+  }
+}
+
 // Positions of nodes, and with them bounds, come by another way here: from one step's end, from a jump, from a cut
 // path.
 TEST(PairFront, BodiesOfAWorldStepByStep) {

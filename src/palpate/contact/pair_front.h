@@ -57,6 +57,10 @@ class PairFront {
     pairs_.push_back(pair);
     motion_limit_.push_back(limit);
   }
+  void shorten(std::size_t size) {
+    pairs_.resize(size);
+    motion_limit_.resize(size);
+  }
   void removeMarked() {
     std::size_t kept = 0;
     for (std::size_t i = 0; i < pairs_.size(); ++i) {
@@ -64,8 +68,7 @@ class PairFront {
       pairs_[kept] = pairs_[i];
       motion_limit_[kept++] = motion_limit_[i];
     }
-    pairs_.resize(kept);
-    motion_limit_.resize(kept);
+    shorten(kept);
   }
 
   std::vector<NodePair> pairs_;

@@ -64,8 +64,9 @@ void SurfacePairFinder::search(PairSearch& s) {
   weight_ = std::min(1.0, trianglesOfCluster(s.a) * trianglesOfCluster(s.b) / kTrianglePairs);
   meeting_.clear();
   counted_ = pieces == 1;
+  size_t earlier = 0;
   if (s.front != nullptr) {
-    continueFrom(*s.front, s);
+    earlier = continueFrom(*s.front, s);
   } else {
     descendFromRoots(s);
   }
@@ -74,7 +75,7 @@ void SurfacePairFinder::search(PairSearch& s) {
   } else {
     testInPieces(s, pieces);
   }
-  if (gave_up_ && s.front != nullptr) s.front->forget();
+  if (s.front != nullptr) finishFront(*s.front, earlier);
   // each pair of features comes once
   std::sort(s.out->begin() + static_cast<std::ptrdiff_t>(begin), s.out->end(),
             [](const FeaturePair& p, const FeaturePair& q) {
@@ -104,24 +105,37 @@ void SurfacePairFinder::testInPieces(PairSearch& s, int pieces) {
   }
 }
 
-void SurfacePairFinder::continueFrom(PairFront& front, PairSearch& s) {
+// @returns how many of the front's pairs are those of earlier searches; what this one opens is only marked
+size_t SurfacePairFinder::continueFrom(PairFront& front, PairSearch& s) {
+  opened_.clear();
   if (front.mustRestart(s.reach)) {
     front.forget();
     front.reach_ = s.reach;
     descendFromRoots(s);
     front.roots_size_ = front.pairs_.size() + meeting_.size() + 1;
-    return;
+    return 0;
   }
   const size_t size = front.pairs_.size();
-  bool opened = false;
-  for (size_t i = 0; i < size; ++i) {
+  for (size_t i = 0; i < size && !gave_up_; ++i) {
     if (front.staysApart(i, s.relative)) continue;
     const NodePair pair = front.pairs_[i];
     front.pairs_[i].a = -1;
-    opened = true;
+    opened_.push_back({i, pair});
     descend(s, pair);
   }
-  if (opened) front.removeMarked();
+  return size;
+}
+
+// A search that was given up leaves the front as it was: the next one would pay for all of it once more.
+void SurfacePairFinder::finishFront(PairFront& front, size_t earlier) {
+  if (gave_up_ && earlier == 0) {
+    front.forget();
+  } else if (gave_up_) {
+    front.shorten(earlier);
+    for (const auto& [i, pair] : opened_) front.pairs_[i] = pair;
+  } else if (!opened_.empty()) {
+    front.removeMarked();
+  }
 }
 
 void SurfacePairFinder::descendFromRoots(PairSearch& s) {
@@ -144,7 +158,7 @@ bool SurfacePairFinder::tooMany() {
 void SurfacePairFinder::descend(PairSearch& s, NodePair root) {
   stack_.clear();
   stack_.push_back(root);
-  while (!stack_.empty() && !(counted_ && tooMany())) {
+  while (!stack_.empty() && !gave_up_ && !(counted_ && tooMany())) {
     const NodePair p = stack_.back();
     stack_.pop_back();
     if (!visit(s, p)) continue;

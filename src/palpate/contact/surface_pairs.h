@@ -2,6 +2,7 @@
 
 #include <array>
 #include <limits>
+#include <utility>
 #include <vector>
 
 #include "palpate/contact/collision_surface.h"
@@ -101,7 +102,8 @@ class SurfacePairFinder {
   // surface_pairs.cpp: pieces of time, and the trees
   void search(PairSearch& s);
   void testInPieces(PairSearch& s, int pieces);
-  void continueFrom(PairFront& front, PairSearch& s);
+  size_t continueFrom(PairFront& front, PairSearch& s);
+  void finishFront(PairFront& front, size_t earlier);
   void descendFromRoots(PairSearch& s);
   void descend(PairSearch& s, NodePair root);
   bool visit(PairSearch& s, NodePair pair);
@@ -122,6 +124,7 @@ class SurfacePairFinder {
   double weight_ = 1;  // of a pair of clusters, among tested_
   bool gave_up_ = false;
   std::vector<NodePair> stack_;
+  std::vector<std::pair<size_t, NodePair>> opened_;  // of a front, with their places in it
   std::vector<Meeting> meeting_, on_the_way_;
   bool counted_ = true;                                 // all pairs that meet are tested
   std::vector<int> without_boxes_a_, without_boxes_b_;  // clusters whose triangles need boxes
