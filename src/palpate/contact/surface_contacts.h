@@ -88,6 +88,7 @@ class SurfaceContacts {
   void find(const ContactSettings& settings, const FrictionTable& friction, std::vector<Contact>& out, int body = -1);
   /// Of searches from now on: see PairSettings.
   void setAsNow(bool on) { finder_.setAsNow(on); }
+  static constexpr double kOperations = 2e4;  ///< of a search, for a pair of clusters that meet
   /// What searches from now on may cost together, and what they did [floating-point operations, about].
   void allow(double operations) { finder_.allow(operations / kOperations); }
   double operations() const { return kOperations * finder_.tested(); }
@@ -112,7 +113,6 @@ class SurfaceContacts {
   double overlap() const { return overlap_; }
 
  private:
-  static constexpr double kOperations = 2e4;  // a pair of clusters
   struct Item {
     int body = -1;  // -1: fixed
     int obstacle = -1;

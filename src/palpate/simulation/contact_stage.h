@@ -56,6 +56,7 @@ class ContactStage {
   // choosing
   void choose(const MovingBodies& bodies, const ContactInput& input, const ContactMemory& memory);
   void takeGlued(const MovingBodies& bodies, const ContactInput& input);
+  double calmOperations(const MovingBodies& bodies, const ContactMemory& memory) const;
   double gluedOperations(const MovingBodies& bodies) const;
   std::pair<int, int> findViolated();
   void addViolated(const MovingBodies& bodies, const ContactSettings& settings);

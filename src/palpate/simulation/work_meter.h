@@ -55,17 +55,16 @@ class WorkMeter {
 class WorkShare {
  public:
   /// @param share    of the budget; 0: of a try that must succeed
-  /// @param systems  what the bodies' factorizations cost: solving contact may cost three times as much in any case, as
-  ///                 otherwise a scene that is large, but not hard, would never get through
-  WorkShare(const WorkMeter& meter, double share, double systems)
+  /// @param calm   what a try costs in which nothing happens: it is allowed in any case, as otherwise a scene that is
+  ///               large, but not hard, or steps that are short, would never get through
+  WorkShare(const WorkMeter& meter, double share, double calm)
       : meter_(&meter), before_(meter.spent()), allowed_(kLast) {
-    if (share > 0) allowed_ = std::max(std::min(share * meter.whole(), kMostOfTry), kSystems * systems);
+    if (share > 0) allowed_ = std::max(std::min(share * meter.whole(), kMostOfTry), calm);
   }
   double left() const { return allowed_ - (meter_->spent() - before_); }
 
  private:
   static constexpr double kMostOfTry = 1e10, kLast = 1e9;  // operations
-  static constexpr double kSystems = 3.0;
   const WorkMeter* meter_;
   double before_, allowed_;
 };
