@@ -309,6 +309,7 @@ void BodySystem::pushPoint(const ContactPoint& point, const Vec3& impulse) {
 }
 
 void BodySystem::stop() {
+  turns_ = false;
   v_end_.setZero();
   u_end_.setZero();
 }

@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "palpate/common/parallel.h"
+#include "palpate/fem/polar.h"
 #include "palpate/math/decompositions.h"
 #include "palpate/math/rotation.h"
 
@@ -27,6 +28,7 @@ void BodySystem::assemble(const StepInput& input, BodyState& state, const BodyCo
   if (!model_->attachments().empty()) anchors_ = model_->anchors(input.end_time);
   if (follows()) moveRigidly();
   if (corrected()) shiftNodes();
+  turns_ = input.turning && turnRigidly();
   turned_ = follows() && prepared_.ready && prepared_.step == h && prepared_.elastic.isFor(places_);
   const VecX& x = displaced() ? moved_ : x0_;
   moved_energy_.reset();
@@ -152,6 +154,94 @@ void BodySystem::moveRigidly() {
   }
 }
 
+// Of the free nodes at the start.
+BodySystem::RigidMotion BodySystem::rigidMotion() const {
+  const VecX& mass = model_->elasticity().mass();
+  RigidMotion out{Vec3::Zero(), Mat3::Zero(), Vec6::Zero()};
+  double whole = 0;
+  Vec3 momentum = Vec3::Zero();
+  for (const int i : model_->free()) {
+    whole += mass[i];
+    out.center += mass[i] * x0_.segment<3>(3 * i);
+    momentum += mass[i] * start_velocities_.segment<3>(3 * i);
+  }
+  out.center /= whole;
+  Vec3 moment = Vec3::Zero();
+  for (const int i : model_->free()) {
+    const Vec3 arm = x0_.segment<3>(3 * i) - out.center;
+    out.inertia += mass[i] * (arm.squaredNorm() * Mat3::Identity() - arm * arm.transpose());
+    moment += mass[i] * arm.cross(start_velocities_.segment<3>(3 * i));
+  }
+  out.twist << momentum / whole, out.inertia.ldlt().solve(moment);
+  return out;
+}
+
+// The twist about the center of mass that leads a rigid body nearest to that end.
+Vec6 BodySystem::rigidWay(const VecX& end) const {
+  const VecX& mass = model_->elasticity().mass();
+  double whole = 0;
+  Vec3 from = Vec3::Zero(), to = Vec3::Zero();
+  for (const int i : model_->free()) {
+    whole += mass[i];
+    from += mass[i] * x0_.segment<3>(3 * i);
+    to += mass[i] * end.segment<3>(3 * i);
+  }
+  from /= whole;
+  to /= whole;
+  Mat3 moment = Mat3::Zero();
+  for (const int i : model_->free()) {
+    moment += mass[i] * (end.segment<3>(3 * i) - to) * (x0_.segment<3>(3 * i) - from).transpose();
+  }
+  Vec6 way;
+  way << to - from, logRotation(Quat(polarRotation(moment / moment.norm(), Mat3::Identity())));
+  return way / input_.step;
+}
+
+// All nodes to where a rigid body would go, if it turns them by what matters. Velocities turn with it: relative to the
+// body's motion they stay what they are in its frame, the motion keeps its angular momentum, and centrifugal force acts
+// where it ends; the force of the middle of the step, which keeps them on their way round, would slow them down if it
+// acted there. @returns whether it does
+bool BodySystem::turnRigidly() {
+  constexpr double kLeast = 0.02;  // by which lengths grow by half the square on straight ways
+  if (follows() || corrected() || model_->free().empty() || !model_->attachments().empty()) return false;
+  const double h = input_.step;
+  const RigidMotion start = rigidMotion();
+  constexpr double kFlat = 1e-6;  // of a ball's: nodes that are all in a line do not say how they turn
+  if (!(start.inertia.determinant() > kFlat * std::pow(start.inertia.trace() / 3.0, 3))) return false;
+  const Vec6 twist = expected_.value_or(start.twist);
+  const Vec3 turning = twist.tail<3>();
+  if (!(h * turning.norm() > kLeast) || !twist.allFinite() || !start.twist.allFinite()) return false;
+  rigid_ = {palpate::advance(Pose{start.center, Quat::Identity()}, h * twist), twist};
+  const Mat3 turn = rigid_.pose.matrix();
+  const Mat3 inertia = turn * start.inertia * turn.transpose();
+  const Vec3 before = start.twist.tail<3>();
+  Vec3 kept = inertia.inverse() * (start.inertia * before);
+  const double energy = before.dot(start.inertia * before), energy_kept = kept.dot(inertia * kept);
+  if (energy_kept > energy) kept *= std::sqrt(energy / energy_kept);
+  // centrifugal forces only strain: what they would turn is in that already
+  const Vec3 gained = kept - turning + h * inertia.inverse() * turning.cross(inertia * turning);
+  moved_.resize(x0_.size());
+  carried_.resize(3 * model_->freeNodes());
+  for (int r = 0; r < model_->freeNodes(); ++r) {
+    const int i = model_->free()[r];
+    const Vec3 arm0 = x0_.segment<3>(3 * i) - start.center, arm = turn * arm0;
+    moved_.segment<3>(3 * i) = rigid_.pose.position + arm;
+    carried_.segment<3>(3 * r) = (moved_.segment<3>(3 * i) - x0_.segment<3>(3 * i)) / h;
+    const Vec3 relative = start_velocities_.segment<3>(3 * i) - start.twist.head<3>() - before.cross(arm0);
+    // against the motion to which the end's velocities are: the right side needs it so
+    v0_.segment<3>(3 * i) = start.twist.head<3>() - twist.head<3>() + gained.cross(arm) + turn * relative -
+                            h * turning.cross(turning.cross(arm));
+  }
+  if (!model_->framed()) return true;
+  const Pose grip{rigid_.pose.apply(start_.pose.position - start.center), rigid_.pose.rotation * start_.pose.rotation};
+  for (std::size_t k = 0; k < handle().nodes.size(); ++k) {
+    moved_.segment<3>(3 * handle().nodes[k]) = grip.apply(handle().offsets[k]);
+  }
+  rigid_grip_ = {grip, twist};
+  rigid_grip_.twist.head<3>() += turning.cross(grip.position - rigid_.pose.position);
+  return true;
+}
+
 // The free nodes by a correction.
 void BodySystem::shiftNodes() {
   moved_ = x0_;
@@ -184,7 +274,7 @@ void BodySystem::assembleRightSides() {
       if (follows())
         rhs_.col(columns - 1).segment<3>(3 * r) -= h * model_->springDamping()[i] * carried_.segment<3>(3 * r);
     }
-    if (follows()) {
+    if (follows() || turns_) {
       rhs_.col(columns - 1).segment<3>(3 * r) -=
           h * model_->elasticity().material().damping_alpha * m * carried_.segment<3>(3 * r);
     }
@@ -192,6 +282,10 @@ void BodySystem::assembleRightSides() {
   if (model_->framed()) {
     pullHandle();
     assembleHandle();
+    if (turns_) {
+      rhs_.col(6) += a_th_ * rigid_grip_.twist;
+      b_h_ += c_ * (gkg_ * rigid_grip_.twist);
+    }
   }
   if (!model_->driven()) return;
   const VecX loads = besideFixed([&](int n) { return model_->isFixed(n) ? fixedVelocity(n) : Vec3(Vec3::Zero()); });
@@ -307,7 +401,7 @@ Vec6 BodySystem::handleWrench() const {
   for (std::size_t k = 0; k < handle().nodes.size(); ++k) {
     const Vec3 force = f_.segment<3>(3 * handle().nodes[k]);
     wrench.head<3>() += force;
-    wrench.tail<3>() += (start_.pose.rotation * handle().offsets[k]).cross(force);
+    wrench.tail<3>() += (grip().rotation * handle().offsets[k]).cross(force);
   }
   wrench.head<3>() += handle().mass * input_.gravity;  // no moment: the origin is the center of mass
   const Mat3 inertia = handle().worldInertia(start_.pose);
@@ -455,7 +549,7 @@ void BodySystem::solveFree() {
   if (!model_->free().empty()) solve(solution_);
   if (!model_->framed()) {
     v_free_ = solution_.col(0);
-    if (corrected()) v_free_ += carried_;
+    if (corrected() || turns_) v_free_ += carried_;
   } else {
     // X^T b = A_th^T A_tt^-1 b, so one solve for all seven columns is enough
     x_th_ = solution_.leftCols(6);
@@ -469,6 +563,7 @@ void BodySystem::solveFree() {
       u_free_ = s_inverse_ * (b_h_ - a_th_.transpose() * solution_.col(6));
       if (frameCorrected()) u_free_ += correction_.shift / input_.step;
       v_free_ = solution_.col(6) - x_th_ * u_free_;
+      if (turns_) v_free_ += carried_;
     }
   }
   v_end_ = v_free_;
@@ -615,6 +710,7 @@ Vec3 BodySystem::leadingForce(const BodyState& end) const {
 
 bool BodySystem::advance() {
   if (!endIsFinite()) return false;
+  expected_.reset();
   BodyState& state = *state_;
   endPositions(state.positions);
   const bool shifted = follows() && input_.followed.shift.size() > 0;
@@ -622,6 +718,10 @@ bool BodySystem::advance() {
     Vec3 v = v_end_.segment<3>(3 * r);
     // a correction is no motion
     if (corrected()) v -= carried_.segment<3>(3 * r);
+    if (turns_) {  // no chord's, but where it ends
+      const Vec3 arm = moved_.segment<3>(3 * model_->free()[r]) - rigid_.pose.position;
+      v += rigid_.twist.head<3>() + rigid_.twist.tail<3>().cross(arm) - carried_.segment<3>(3 * r);
+    }
     if (shifted) v -= input_.followed.end.pose.rotation * input_.followed.shift.segment<3>(3 * r) / input_.step;
     state.velocities.segment<3>(3 * model_->free()[r]) = v;
   }
@@ -641,6 +741,7 @@ bool BodySystem::advance() {
 }
 
 void BodySystem::retreat() {
+  if (input_.turning && !model_->isRigid()) expected_ = rigidWay(state_->positions);
   state_->positions = x0_;
   state_->velocities = start_velocities_;
   state_->handle = start_;

@@ -48,7 +48,8 @@ struct StepInput {
   bool tension = false;
   /// Of a held body.
   FollowedHandle followed{};
-  double end_time = 0;  ///< of the world at the end of the step [s]: attachments may be driven
+  bool turning = false;  ///< A of bodies that follow nothing is of positions to which they turn as rigid ones
+  double end_time = 0;   ///< of the world at the end of the step [s]: attachments may be driven
 };
 
 /// The linear system of one body's semi-implicit backward Euler step, and its scratch. It holds nothing that the next
@@ -66,7 +67,13 @@ struct StepInput {
 ///     A_tt (v - v_r) = M (v0 - v_r) + h (f + m g - alpha M v_r) + J_t^T lambda
 /// A body that follows nothing and is corrected by a shift d: the same with v_r = d / h, which is no motion,
 ///     A_tt (v - v_r) = M v0 + h (f + m g) + J_t^T lambda
-/// A_tt may then have been prepared, in the handle's frame: what goes into its factor and comes out of it is turned.
+/// A soft body that turns, and follows nothing: A is that of the positions to which it would go as a rigid body with
+/// its present twist, or that of a longer part which was taken back; rigid motion has the velocities v_r there, u_r at
+/// the handle, and v0 is turned with the body (docs/step.md, "What turns"). Straight ways would make what turns larger.
+///     A_tt (v - v_r) + A_th (u - u_r) = M (v0 - v_r) + h (f + m g - alpha M v_r) + J_t^T lambda
+/// The end velocities of contact are those of the way, (x - x0) / h; those of the state at the end are v.
+/// A_tt may have been prepared where the handle follows a path, in the handle's frame: what goes into its factor and
+/// comes out of it is turned.
 class BodySystem {
  public:
   /// @param model  must outlive this
@@ -192,7 +199,10 @@ class BodySystem {
   void forget() {
     ahead_.clear();
     prepared_.ready = false;
+    expected_.reset();
   }
+  /// Forgets how a part of a step that was taken back had turned the body.
+  void expectNothing() { expected_.reset(); }
 
   // --- the step's system, for the linearization and for checks; valid from assemble() to the next assemble()
   const StepInput& input() const { return input_; }
@@ -221,12 +231,12 @@ class BodySystem {
     return handle().jacobian(model_->attachedIndex()[node], start_.pose);
   }
   /// Where the attached nodes are in the positions that A is of.
-  const Pose& grip() const { return follows() ? input_.followed.end.pose : start_.pose; }
+  const Pose& grip() const { return follows() ? input_.followed.end.pose : turns_ ? rigid_grip_.pose : start_.pose; }
   bool follows() const { return model_->held() && input_.followed.on; }
   bool corrected() const { return correction_.shift.size() > 0 && !model_->isRigid(); }
   bool frameCorrected() const { return correction_.shift.size() > 0 && model_->isRigid(); }
   /// Whether A is of other positions than the start's.
-  bool displaced() const { return follows() || corrected(); }
+  bool displaced() const { return follows() || corrected() || turns_; }
   void moveRigidly();
   void shiftNodes();
   void takePrepared();
@@ -239,6 +249,14 @@ class BodySystem {
   void pullHandle();
   void addPull(int element);
   void assembleHandle();
+  struct RigidMotion {
+    Vec3 center;   // of mass
+    Mat3 inertia;  // about it
+    Vec6 twist;    // likewise
+  };
+  bool turnRigidly();
+  RigidMotion rigidMotion() const;
+  Vec6 rigidWay(const VecX& end) const;
   Vec6 handleWrench() const;
   template <class Velocity>
   VecX besideFixed(Velocity velocity) const;
@@ -266,9 +284,11 @@ class BodySystem {
   BodyCorrection correction_;  // none: empty
   double c_ = 0;
   VecX x0_, start_velocities_, v0_, f_;  // v0: against v_r where the handle follows a path
-  VecX moved_, carried_;  // followed handle or correction: positions that A is of; v_r and the shift's velocity, of the
-                          // free nodes
-  VecX places_;           // moved_ in the handle's frame
+  VecX moved_, carried_;  // what is displaced: positions that A is of; v_r and the shift's velocity, of the free nodes
+  bool turns_ = false;    // as a rigid body would, to positions of its own
+  HandleState rigid_, rigid_grip_;  // there: its center of mass, turned from the start, and the handle; and twists
+  std::optional<Vec6> expected_;    // twist of the part that was taken back, if that is all that is known of this one
+  VecX places_;                     // moved_ in the handle's frame
   PreparedFollowing prepared_;
   bool turned_ = false;        // A_tt and its factor are those prepared
   Mat3 turn_;                  // from the handle's frame at the end of its path

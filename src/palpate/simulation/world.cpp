@@ -356,6 +356,7 @@ StepInput World::inputAt(const Way& way, double from, double to) const {
   }
   const HandleState end = way.path->at(to);
   input.device = {end.pose, end.twist};
+  input.turning = true;
   if (way.pulled) {
     const HandleState start = way.path->at(from);
     input.link = linkTo({start.pose, start.twist});
@@ -448,6 +449,7 @@ StepReport World::walk(Way way, int parts) {
     --state_.pulled_steps;
   }
   meter_.start(budget);
+  for (const auto& system : systems_) system->expectNothing();
   StepReport report;
   if (!energy_known_) findEnergies(report, state_.time);
   const double before = energy_;
