@@ -15,7 +15,7 @@ BodySystem::BodySystem(const BodyModel& model) : model_(&model), a_(model.patter
   trailing_.assign(model.nodes(), -1);
 }
 
-void BodySystem::assemble(const StepInput& input, BodyState& state, const BodyCorrection* correction) {
+void BodySystem::assemble(const StepInput& input, BodyState& state, const BodyCorrection* correction, bool turning) {
   const ElasticMesh& fem = model_->elasticity();
   state_ = &state;
   input_ = input;
@@ -28,7 +28,7 @@ void BodySystem::assemble(const StepInput& input, BodyState& state, const BodyCo
   if (!model_->attachments().empty()) anchors_ = model_->anchors(input.end_time);
   if (follows()) moveRigidly();
   if (corrected()) shiftNodes();
-  turns_ = input.turning && turnRigidly();
+  turns_ = turning && turnRigidly();
   turned_ = follows() && prepared_.ready && prepared_.step == h && prepared_.elastic.isFor(places_);
   const VecX& x = displaced() ? moved_ : x0_;
   moved_energy_.reset();

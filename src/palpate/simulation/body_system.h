@@ -48,7 +48,7 @@ struct StepInput {
   bool tension = false;
   /// Of a held body.
   FollowedHandle followed{};
-  bool turning = false;  ///< A of bodies that follow nothing is of positions to which they turn as rigid ones
+  bool turning = false;  ///< so is A of a tool that turns, but follows nothing: docs/step.md, "What turns"
   double end_time = 0;   ///< of the world at the end of the step [s]: attachments may be driven
 };
 
@@ -93,7 +93,9 @@ class BodySystem {
   /// Rotations, forces, system; no factorization yet. Renews the state's element rotations.
   /// @param state  at the start of the step; must stay where it is until advance()
   /// @param correction  that the step brings, of a body that follows no path
-  void assemble(const StepInput& input, BodyState& state, const BodyCorrection* correction = nullptr);
+  /// @param turning     A is of positions to which it turns as a rigid body, if it follows nothing
+  void assemble(const StepInput& input, BodyState& state, const BodyCorrection* correction = nullptr,
+                bool turning = false);
   /// Whether the factor's order still suits contact on these nodes: it has them last, and not for long far too many
   /// others; or it suits contact anywhere, and there has not been far less of it for long.
   bool contactNodesFit(const std::vector<int>& needed);
