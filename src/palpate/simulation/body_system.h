@@ -48,7 +48,7 @@ struct StepInput {
   bool tension = false;
   /// Of a held body.
   FollowedHandle followed{};
-  bool turning = false;  ///< so is A of a tool that turns, but follows nothing: docs/step.md, "What turns"
+  bool turning = false;  ///< A of a tool that follows nothing is of where it turns to: docs/step.md, "What turns"
   double end_time = 0;   ///< of the world at the end of the step [s]: attachments may be driven
 };
 
