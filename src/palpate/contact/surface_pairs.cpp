@@ -92,7 +92,7 @@ void SurfacePairFinder::testInPieces(PairSearch& s, int pieces) {
   }
   PairSearch piece = s;
   piece.front = nullptr;
-  for (int i = 0; i < pieces; ++i) {
+  for (int i = 0; i < pieces && !gave_up_; ++i) {
     piece.from = static_cast<double>(i) / pieces;
     piece.to = static_cast<double>(i + 1) / pieces;
     meeting_.clear();
@@ -101,7 +101,7 @@ void SurfacePairFinder::testInPieces(PairSearch& s, int pieces) {
     }
     tooMany();
     testMeetingClusters(piece);
-    if (piece.first_hit <= piece.to || gave_up_) break;
+    if (piece.first_hit <= piece.to) break;
   }
 }
 

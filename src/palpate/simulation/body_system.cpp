@@ -15,7 +15,7 @@ BodySystem::BodySystem(const BodyModel& model) : model_(&model), a_(model.patter
   trailing_.assign(model.nodes(), -1);
 }
 
-void BodySystem::assemble(const StepInput& input, BodyState& state, const BodyCorrection* correction, bool turning) {
+void BodySystem::assemble(const StepInput& input, BodyState& state, const BodyCorrection* correction) {
   const ElasticMesh& fem = model_->elasticity();
   state_ = &state;
   input_ = input;
@@ -26,9 +26,10 @@ void BodySystem::assemble(const StepInput& input, BodyState& state, const BodyCo
   v0_ = start_velocities_ = state.velocities;
   start_ = state.handle;
   if (!model_->attachments().empty()) anchors_ = model_->anchors(input.end_time);
+  turns_ = false;
   if (follows()) moveRigidly();
   if (corrected()) shiftNodes();
-  turns_ = turning && turnRigidly();
+  turns_ = mayTurn() && !displaced() && turnRigidly();
   turned_ = follows() && prepared_.ready && prepared_.step == h && prepared_.elastic.isFor(places_);
   const VecX& x = displaced() ? moved_ : x0_;
   moved_energy_.reset();
@@ -154,56 +155,64 @@ void BodySystem::moveRigidly() {
   }
 }
 
-// Of the free nodes at the start.
+// Of the free nodes and the handle at the start.
 BodySystem::RigidMotion BodySystem::rigidMotion() const {
   const VecX& mass = model_->elasticity().mass();
-  RigidMotion out{Vec3::Zero(), Mat3::Zero(), Vec6::Zero()};
-  double whole = 0;
-  Vec3 momentum = Vec3::Zero();
+  const Vec3& grip = start_.pose.position;
+  RigidMotion out{handle().mass * grip, handle().worldInertia(start_.pose), Vec6::Zero()};
+  double whole = handle().mass;
+  Vec3 momentum = handle().mass * start_.twist.head<3>();
   for (const int i : model_->free()) {
     whole += mass[i];
     out.center += mass[i] * x0_.segment<3>(3 * i);
     momentum += mass[i] * start_velocities_.segment<3>(3 * i);
   }
   out.center /= whole;
-  Vec3 moment = Vec3::Zero();
+  Vec3 moment = out.inertia * start_.twist.tail<3>();
+  const auto add = [&](double m, const Vec3& arm, const Vec3& velocity) {
+    out.inertia += m * (arm.squaredNorm() * Mat3::Identity() - arm * arm.transpose());
+    moment += m * arm.cross(velocity);
+  };
+  add(handle().mass, grip - out.center, start_.twist.head<3>());
   for (const int i : model_->free()) {
-    const Vec3 arm = x0_.segment<3>(3 * i) - out.center;
-    out.inertia += mass[i] * (arm.squaredNorm() * Mat3::Identity() - arm * arm.transpose());
-    moment += mass[i] * arm.cross(start_velocities_.segment<3>(3 * i));
+    add(mass[i], x0_.segment<3>(3 * i) - out.center, start_velocities_.segment<3>(3 * i));
   }
   out.twist << momentum / whole, out.inertia.ldlt().solve(moment);
   return out;
 }
 
 // The twist about the center of mass that leads a rigid body nearest to that end.
-Vec6 BodySystem::rigidWay(const VecX& end) const {
+Vec6 BodySystem::rigidWay(const BodyState& end) const {
   const VecX& mass = model_->elasticity().mass();
-  double whole = 0;
-  Vec3 from = Vec3::Zero(), to = Vec3::Zero();
+  const Vec3 &grip0 = start_.pose.position, &grip = end.handle.pose.position;
+  double whole = handle().mass;
+  Vec3 from = whole * grip0, to = whole * grip;
   for (const int i : model_->free()) {
     whole += mass[i];
     from += mass[i] * x0_.segment<3>(3 * i);
-    to += mass[i] * end.segment<3>(3 * i);
+    to += mass[i] * end.positions.segment<3>(3 * i);
   }
   from /= whole;
   to /= whole;
-  Mat3 moment = Mat3::Zero();
+  Mat3 moment = handle().mass * (grip - to) * (grip0 - from).transpose();
   for (const int i : model_->free()) {
-    moment += mass[i] * (end.segment<3>(3 * i) - to) * (x0_.segment<3>(3 * i) - from).transpose();
+    moment += mass[i] * (end.positions.segment<3>(3 * i) - to) * (x0_.segment<3>(3 * i) - from).transpose();
   }
   Vec6 way;
   way << to - from, logRotation(Quat(polarRotation(moment / moment.norm(), Mat3::Identity())));
   return way / input_.step;
 }
 
-// All nodes to where a rigid body would go, if it turns them by what matters. Velocities turn with it: relative to the
-// body's motion they stay what they are in its frame, the motion keeps its angular momentum, and centrifugal force acts
-// where it ends; the force of the middle of the step, which keeps them on their way round, would slow them down if it
-// acted there. @returns whether it does
+bool BodySystem::mayTurn() const {
+  return model_->held() && input_.turning && !model_->isRigid() && model_->attachments().empty();
+}
+
+// All nodes and the handle to where a rigid body would go, if it turns them by what matters. Velocities turn with it:
+// relative to the body's motion they stay what they are in its frame, the motion keeps its angular momentum, and
+// centrifugal force acts where it ends; the force of the middle of the step, which keeps them on their way round, would
+// slow them down if it acted there. @returns whether it does
 bool BodySystem::turnRigidly() {
   constexpr double kLeast = 0.02;  // by which lengths grow by half the square on straight ways
-  if (follows() || corrected() || model_->free().empty() || !model_->attachments().empty()) return false;
   const double h = input_.step;
   const RigidMotion start = rigidMotion();
   constexpr double kFlat = 1e-6;  // of a ball's: nodes that are all in a line do not say how they turn
@@ -211,35 +220,47 @@ bool BodySystem::turnRigidly() {
   const Vec6 twist = expected_.value_or(start.twist);
   const Vec3 turning = twist.tail<3>();
   if (!(h * turning.norm() > kLeast) || !twist.allFinite() || !start.twist.allFinite()) return false;
-  rigid_ = {palpate::advance(Pose{start.center, Quat::Identity()}, h * twist), twist};
-  const Mat3 turn = rigid_.pose.matrix();
-  const Mat3 inertia = turn * start.inertia * turn.transpose();
+  const Pose end = palpate::advance(Pose{start.center, Quat::Identity()}, h * twist);
+  const Mat3 turn = end.matrix();
+  const Mat3 inertia = turn * start.inertia * turn.transpose(), inverse = inertia.inverse();
   const Vec3 before = start.twist.tail<3>();
-  Vec3 kept = inertia.inverse() * (start.inertia * before);
+  Vec3 kept = inverse * (start.inertia * before);
   const double energy = before.dot(start.inertia * before), energy_kept = kept.dot(inertia * kept);
   if (energy_kept > energy) kept *= std::sqrt(energy / energy_kept);
   // centrifugal forces only strain: what they would turn is in that already
-  const Vec3 gained = kept - turning + h * inertia.inverse() * turning.cross(inertia * turning);
+  const Vec3 gained = kept - turning + h * inverse * turning.cross(inertia * turning);
+  // against the motion to which the end's velocities are: the right side needs it so
+  const auto carry = [&](const Vec3& arm0, const Vec3& velocity) {
+    const Vec3 arm = turn * arm0;
+    const Vec3 relative = velocity - start.twist.head<3>() - before.cross(arm0);
+    return Vec3(start.twist.head<3>() - twist.head<3>() + gained.cross(arm) + turn * relative -
+                h * turning.cross(turning.cross(arm)));
+  };
+  rigid_ = {end, twist};
   moved_.resize(x0_.size());
   carried_.resize(3 * model_->freeNodes());
   for (int r = 0; r < model_->freeNodes(); ++r) {
     const int i = model_->free()[r];
-    const Vec3 arm0 = x0_.segment<3>(3 * i) - start.center, arm = turn * arm0;
-    moved_.segment<3>(3 * i) = rigid_.pose.position + arm;
+    const Vec3 arm = x0_.segment<3>(3 * i) - start.center;
+    moved_.segment<3>(3 * i) = end.apply(arm);
     carried_.segment<3>(3 * r) = (moved_.segment<3>(3 * i) - x0_.segment<3>(3 * i)) / h;
-    const Vec3 relative = start_velocities_.segment<3>(3 * i) - start.twist.head<3>() - before.cross(arm0);
-    // against the motion to which the end's velocities are: the right side needs it so
-    v0_.segment<3>(3 * i) = start.twist.head<3>() - twist.head<3>() + gained.cross(arm) + turn * relative -
-                            h * turning.cross(turning.cross(arm));
+    v0_.segment<3>(3 * i) = carry(arm, start_velocities_.segment<3>(3 * i));
   }
-  if (!model_->framed()) return true;
-  const Pose grip{rigid_.pose.apply(start_.pose.position - start.center), rigid_.pose.rotation * start_.pose.rotation};
+  const Vec3 arm = start_.pose.position - start.center;
+  turned_grip_ = {end.apply(arm), end.rotation * start_.pose.rotation};
+  carried_grip_ << (turned_grip_.position - start_.pose.position) / h, turning;
+  const Mat3 own = handle().worldInertia(turned_grip_);
+  grip_gain_ << carry(arm, start_.twist.head<3>()),
+      gained + turn * (start_.twist.tail<3>() - before) - h * own.inverse() * turning.cross(own * turning);
   for (std::size_t k = 0; k < handle().nodes.size(); ++k) {
-    moved_.segment<3>(3 * handle().nodes[k]) = grip.apply(handle().offsets[k]);
+    moved_.segment<3>(3 * handle().nodes[k]) = turned_grip_.apply(handle().offsets[k]);
   }
-  rigid_grip_ = {grip, twist};
-  rigid_grip_.twist.head<3>() += turning.cross(grip.position - rigid_.pose.position);
   return true;
+}
+
+// Velocity against its chord's, of what the rigid motion leads there.
+Vec3 BodySystem::velocityThere(const Vec3& x) const {
+  return rigid_.twist.head<3>() + rigid_.twist.tail<3>().cross(x - rigid_.pose.position);
 }
 
 // The free nodes by a correction.
@@ -283,8 +304,8 @@ void BodySystem::assembleRightSides() {
     pullHandle();
     assembleHandle();
     if (turns_) {
-      rhs_.col(6) += a_th_ * rigid_grip_.twist;
-      b_h_ += c_ * (gkg_ * rigid_grip_.twist);
+      rhs_.col(6) += a_th_ * carried_grip_;
+      b_h_ += c_ * (gkg_ * carried_grip_);
     }
   }
   if (!model_->driven()) return;
@@ -404,6 +425,7 @@ Vec6 BodySystem::handleWrench() const {
     wrench.tail<3>() += (grip().rotation * handle().offsets[k]).cross(force);
   }
   wrench.head<3>() += handle().mass * input_.gravity;  // no moment: the origin is the center of mass
+  if (turns_) return wrench;                           // the torque is in what its velocity becomes
   const Mat3 inertia = handle().worldInertia(start_.pose);
   const Vec3 w = start_.twist.tail<3>();
   wrench.tail<3>() -= w.cross(inertia * w);
@@ -414,9 +436,10 @@ Vec6 BodySystem::handleWrench() const {
 void BodySystem::assembleHandle() {
   const double h = input_.step;
   const double drag = h * model_->elasticity().material().damping_alpha;
-  const Mat3 rotation = start_.pose.matrix();
+  const Pose& pose = turns_ ? turned_grip_ : start_.pose;
+  const Mat3 rotation = pose.matrix();
   Vec6 wrench = handleWrench();
-  mass0_ = handle().massMatrix(start_.pose);
+  mass0_ = handle().massMatrix(pose);
   a_hh_ = mass0_ + c_ * gkg_;
   a_hh_.topLeftCorner<3, 3>().diagonal().array() += drag * handle().attached_mass;
   a_hh_.bottomRightCorner<3, 3>() += drag * rotation * handle().attached_inertia * rotation.transpose();
@@ -425,7 +448,7 @@ void BodySystem::assembleHandle() {
     return;
   }
   if (model_->held()) addLink(wrench);
-  b_h_ = mass0_ * start_.twist + h * wrench;
+  b_h_ = mass0_ * (turns_ ? Vec6(carried_grip_ + grip_gain_) : start_.twist) + h * wrench;
   if (frameCorrected()) b_h_ += mass0_ * correction_.velocity;
 }
 
@@ -719,8 +742,7 @@ bool BodySystem::advance() {
     // a correction is no motion
     if (corrected()) v -= carried_.segment<3>(3 * r);
     if (turns_) {  // no chord's, but where it ends
-      const Vec3 arm = moved_.segment<3>(3 * model_->free()[r]) - rigid_.pose.position;
-      v += rigid_.twist.head<3>() + rigid_.twist.tail<3>().cross(arm) - carried_.segment<3>(3 * r);
+      v += velocityThere(moved_.segment<3>(3 * model_->free()[r])) - carried_.segment<3>(3 * r);
     }
     if (shifted) v -= input_.followed.end.pose.rotation * input_.followed.shift.segment<3>(3 * r) / input_.step;
     state.velocities.segment<3>(3 * model_->free()[r]) = v;
@@ -735,13 +757,14 @@ bool BodySystem::advance() {
     // on its path it has the velocity recorded there, not the mean one
     Vec6 twist = follows() ? Vec6(input_.followed.end.twist + u_end_ - u_free_) : u_end_;
     if (frameCorrected()) twist -= correction_.shift / input_.step;
+    if (turns_) twist.head<3>() += velocityThere(turned_grip_.position) - carried_grip_.head<3>();
     model_->setHandle({palpate::advance(start_.pose, input_.step * u_end_), twist}, state);
   }
   return true;
 }
 
 void BodySystem::retreat() {
-  if (input_.turning && !model_->isRigid()) expected_ = rigidWay(state_->positions);
+  if (mayTurn()) expected_ = rigidWay(*state_);
   state_->positions = x0_;
   state_->velocities = start_velocities_;
   state_->handle = start_;

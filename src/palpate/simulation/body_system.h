@@ -48,8 +48,10 @@ struct StepInput {
   bool tension = false;
   /// Of a held body.
   FollowedHandle followed{};
-  bool turning = false;  ///< A of a tool that follows nothing is of where it turns to: docs/step.md, "What turns"
-  double end_time = 0;   ///< of the world at the end of the step [s]: attachments may be driven
+  /// Of a held body without attachments: where it follows nothing and brings no correction, A is of where it turns to.
+  /// docs/step.md, "What turns"
+  bool turning = false;
+  double end_time = 0;  ///< of the world at the end of the step [s]: attachments may be driven
 };
 
 /// The linear system of one body's semi-implicit backward Euler step, and its scratch. It holds nothing that the next
@@ -93,9 +95,7 @@ class BodySystem {
   /// Rotations, forces, system; no factorization yet. Renews the state's element rotations.
   /// @param state  at the start of the step; must stay where it is until advance()
   /// @param correction  that the step brings, of a body that follows no path
-  /// @param turning     A is of positions to which it turns as a rigid body, if it follows nothing
-  void assemble(const StepInput& input, BodyState& state, const BodyCorrection* correction = nullptr,
-                bool turning = false);
+  void assemble(const StepInput& input, BodyState& state, const BodyCorrection* correction = nullptr);
   /// Whether the factor's order still suits contact on these nodes: it has them last, and not for long far too many
   /// others; or it suits contact anywhere, and there has not been far less of it for long.
   bool contactNodesFit(const std::vector<int>& needed);
@@ -201,7 +201,6 @@ class BodySystem {
   void forget() {
     ahead_.clear();
     prepared_.ready = false;
-    expected_.reset();
   }
   /// Forgets how a part of a step that was taken back had turned the body.
   void expectNothing() { expected_.reset(); }
@@ -218,7 +217,7 @@ class BodySystem {
   const MatX& response() const { return x_th_; }        ///< X = A_tt^-1 A_th, 3 free x 6
   const Mat6& handleStiffness() const { return gkg_; }  ///< G^T K_HH G
   const Mat6& handleSchurInverse() const { return s_inverse_; }
-  const Mat6& handleMassAtStart() const { return mass0_; }  ///< M_h at the start pose
+  const Mat6& handleMassAtStart() const { return mass0_; }  ///< M_h at the start pose, or where it turns to
   const VecX& endVelocity() const { return v_end_; }        ///< free nodes, 3 free
   const Vec6& endTwist() const { return u_end_; }
   SparseCholesky& factor() { return factor_; }
@@ -233,7 +232,7 @@ class BodySystem {
     return handle().jacobian(model_->attachedIndex()[node], start_.pose);
   }
   /// Where the attached nodes are in the positions that A is of.
-  const Pose& grip() const { return follows() ? input_.followed.end.pose : turns_ ? rigid_grip_.pose : start_.pose; }
+  const Pose& grip() const { return follows() ? input_.followed.end.pose : turns_ ? turned_grip_ : start_.pose; }
   bool follows() const { return model_->held() && input_.followed.on; }
   bool corrected() const { return correction_.shift.size() > 0 && !model_->isRigid(); }
   bool frameCorrected() const { return correction_.shift.size() > 0 && model_->isRigid(); }
@@ -256,9 +255,11 @@ class BodySystem {
     Mat3 inertia;  // about it
     Vec6 twist;    // likewise
   };
+  bool mayTurn() const;
   bool turnRigidly();
   RigidMotion rigidMotion() const;
-  Vec6 rigidWay(const VecX& end) const;
+  Vec6 rigidWay(const BodyState& end) const;
+  Vec3 velocityThere(const Vec3& x) const;
   Vec6 handleWrench() const;
   template <class Velocity>
   VecX besideFixed(Velocity velocity) const;
@@ -288,9 +289,11 @@ class BodySystem {
   VecX x0_, start_velocities_, v0_, f_;  // v0: against v_r where the handle follows a path
   VecX moved_, carried_;  // what is displaced: positions that A is of; v_r and the shift's velocity, of the free nodes
   bool turns_ = false;    // as a rigid body would, to positions of its own
-  HandleState rigid_, rigid_grip_;  // there: its center of mass, turned from the start, and the handle; and twists
-  std::optional<Vec6> expected_;    // twist of the part that was taken back, if that is all that is known of this one
-  VecX places_;                     // moved_ in the handle's frame
+  HandleState rigid_;     // there: its center of mass, turned from the start, and the motion's twist
+  Pose turned_grip_;      // the handle's there
+  Vec6 carried_grip_, grip_gain_;  // its chord's twist, and what is gained against it without forces
+  std::optional<Vec6> expected_;   // twist of the part that was taken back, if that is all that is known of this one
+  VecX places_;                    // moved_ in the handle's frame
   PreparedFollowing prepared_;
   bool turned_ = false;        // A_tt and its factor are those prepared
   Mat3 turn_;                  // from the handle's frame at the end of its path

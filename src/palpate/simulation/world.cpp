@@ -180,7 +180,7 @@ void World::beginBody(int i, const StepInput& input, BodyBegin& begin) {
   begin.times = {};
   {
     const ScopedTimer timer(begin.times.assemble);
-    body.assemble(input, state_.bodies[i], correctionOf(input.followed.others, i), input.turning && i == tool_);
+    body.assemble(input, state_.bodies[i], correctionOf(input.followed.others, i));
   }
   {
     const ScopedTimer timer(begin.times.factorize);
