@@ -19,6 +19,7 @@ double trianglesOfCluster(const CollisionSurface& s) {
   return static_cast<double>(s.triangles().size()) / static_cast<double>(s.clusters());
 }
 
+constexpr double kPieceLength = 8;     // in clusters: in shorter ones the same clusters meet in one after the other
 constexpr double kTrianglePairs = 50;  // of two clusters that count as one pair
 
 }  // namespace
@@ -57,10 +58,9 @@ void SurfacePairFinder::search(PairSearch& s) {
   const double size = std::max(1e-9, 0.5 * (s.a.clusterSize() + s.b.clusterSize()));
   const double ratio = s.relative / (size + s.reach);
   s.fast = ratio > 0.5;
-  const int pieces =
-      std::isfinite(ratio)
-          ? static_cast<int>(std::clamp(std::ceil(0.5 * ratio), 1.0, static_cast<double>(settings_.max_pieces)))
-          : 1;
+  const int pieces = std::isfinite(ratio) ? static_cast<int>(std::clamp(std::ceil(ratio / kPieceLength), 1.0,
+                                                                        static_cast<double>(settings_.max_pieces)))
+                                          : 1;
   weight_ = std::min(1.0, trianglesOfCluster(s.a) * trianglesOfCluster(s.b) / kTrianglePairs);
   meeting_.clear();
   counted_ = pieces == 1;
