@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 #include <Eigen/SVD>
 
+#include <cstring>
 #include <random>
 
 #include "palpate/math/rotation.h"
@@ -100,6 +101,33 @@ TEST(Polar, StaysOrthogonalOverManySteps) {
     r = polarRotation(f, r);
   }
   EXPECT_LT((r.transpose() * r - Mat3::Identity()).norm(), 1e-10);
+}
+
+// Easy ones, turned over and collapsed, side by side, each from a guess that is right, near or far off.
+TEST(Polar, FourAtOnceAreThoseOfEachToTheBit) {
+  std::mt19937 random(5);
+  std::uniform_real_distribution<double> large(0.5, 2.0), angle(-1, 1);
+  const auto pick = [&](int most) { return std::uniform_int_distribution<int>(0, most)(random); };
+  for (int n = 0; n < 3000; ++n) {
+    std::array<Mat3, 4> f, one, four;
+    std::array<Mat3*, 4> rotation{};
+    for (int k = 0; k < 4; ++k) {
+      const int kind = pick(9);
+      const Sample s = sample(random, {large(random), large(random),
+                                       kind == 0   ? -0.3
+                                       : kind == 1 ? 0.0
+                                                   : large(random)});
+      f[k] = s.f;
+      const double off = std::array{0.0, 1e-6, 0.05, 1.5}[static_cast<std::size_t>(pick(3))];
+      one[k] = four[k] = s.rotation * expRotation(off * Vec3(angle(random), angle(random), angle(random))).matrix();
+      rotation[k] = &four[k];
+    }
+    polarRotations(f, rotation);
+    for (int k = 0; k < 4; ++k) {
+      one[k] = polarRotation(f[k], one[k]);
+      EXPECT_EQ(std::memcmp(one[k].data(), four[k].data(), sizeof(Mat3)), 0) << n << "\n" << f[k];
+    }
+  }
 }
 
 }  // namespace

@@ -7,6 +7,12 @@
 #include "palpate/contact/surface_pairs.h"
 
 namespace palpate {
+namespace {
+
+// pairs of clusters that cost what it takes to find one pair of features: that hit each other, and others
+constexpr double kHit = 1, kNear = 0.5;
+
+}  // namespace
 
 // Tests the clusters that meet, part by part, and leaves them to the front.
 void SurfacePairFinder::testMeetingClusters(PairSearch& s) {
@@ -33,6 +39,7 @@ void SurfacePairFinder::testMeetingClusters(PairSearch& s) {
   for (int part = 0; part < parts; ++part) {
     const Workspace& workspace = workspace_[static_cast<size_t>(part)];
     s.out->insert(s.out->end(), workspace.found.begin(), workspace.found.end());
+    for (const FeaturePair& pair : workspace.found) tested_ += pair.hit ? kHit : kNear;
     s.first_hit = std::min(s.first_hit, workspace.first_hit);
   }
   shareRoom();

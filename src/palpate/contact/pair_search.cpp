@@ -17,19 +17,19 @@ bool PairSearch::meetInTime(const MovingBox& p, const MovingBox& q) const {
     high0 += f * high;
     if (low0.min(low1).max(high0.min(high1)).maxCoeff() > box_reach) return false;
   }
-  float enter = 0, leave = 1;
+  // not both ends are above reach: the share of the way that is, for the start and for the end; 0 for none, and for the
+  // fourth coordinate
+  Corner before = Corner::Zero(), after = Corner::Zero();
   const auto restrict = [&](const Corner& begin, const Corner& finish) {
-    for (int i = 0; i < 3; ++i) {
-      const float f0 = begin[i] - box_reach, f1 = finish[i] - box_reach;
-      if (f0 > 0)
-        enter = std::max(enter, f0 / (f0 - f1));
-      else if (f1 > 0)
-        leave = std::min(leave, f0 / (f0 - f1));
-    }
+    const Corner above0 = (begin - box_reach).max(0.0f), below0 = (box_reach - begin).max(0.0f);
+    const Corner above1 = (finish - box_reach).max(0.0f), below1 = (box_reach - finish).max(0.0f);
+    constexpr float kTiny = std::numeric_limits<float>::min();
+    before = before.max(above0 / (above0 + below1 + kTiny));
+    after = after.max(above1 / (above1 + below0 + kTiny));
   };
   restrict(low0, low1);
   restrict(high0, high1);
-  return enter <= leave + 1e-4f;
+  return before.maxCoeff() + after.maxCoeff() <= 1 + 1e-4f;
 }
 
 }  // namespace palpate

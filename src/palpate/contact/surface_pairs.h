@@ -60,7 +60,8 @@ class SurfacePairFinder {
     tested_ = 0;
     gave_up_ = false;
   }
-  /// Pairs of clusters since allow(), those of a few triangles counted as the fraction of one that they cost.
+  /// Pairs of clusters since allow(), those of a few triangles counted as the fraction of one that they cost, and what
+  /// is found as some more.
   double tested() const { return tested_; }
   bool gaveUp() const { return gave_up_; }  ///< since allow()
 

@@ -154,13 +154,33 @@ ElasticState ElasticMesh::stateAt(const VecX& x) const {
   return state;
 }
 
+// Rotations of the elements from begin to end, four at once, each with its deformation gradient to visit(i, F).
+template <class Visit>
+void ElasticMesh::turnToFit(const VecX& x, int begin, int end, std::vector<Mat3>& rotations, Visit visit) const {
+  std::array<Mat3, 4> gradient;
+  std::array<Mat3*, 4> rotation{};
+  std::array<Mat3, 3> spare;
+  for (int i = begin; i < end; i += 4) {
+    const int count = std::min(4, end - i);
+    for (int k = 0; k < 4; ++k) {
+      if (k < count) {
+        gradient[k] = elements_[i + k].deformationGradient(x);
+        rotation[k] = &rotations[i + k];
+      } else {
+        gradient[k] = spare[k - 1] = Mat3::Identity();
+        rotation[k] = &spare[k - 1];
+      }
+    }
+    polarRotations(gradient, rotation);
+    for (int k = 0; k < count; ++k) visit(i + k, gradient[k]);
+  }
+}
+
 void ElasticMesh::updateRotations(const VecX& x, ElasticState& state) const {
   std::vector<int> thin;
-  for (std::size_t i = 0; i < elements_.size(); ++i) {
-    const Mat3 gradient = elements_[i].deformationGradient(x);
-    state.rotations[i] = polarRotation(gradient, state.rotations[i]);
-    if (!isThick(state.rotations[i].transpose() * gradient)) thin.push_back(static_cast<int>(i));
-  }
+  turnToFit(x, 0, static_cast<int>(elements_.size()), state.rotations, [&](int i, const Mat3& gradient) {
+    if (!isThick(state.rotations[i].transpose() * gradient)) thin.push_back(i);
+  });
   updateReleased(x, thin, state.released);
   state.flat = flatOnes(x, thin, state.released, state.rotations);
 }
@@ -231,12 +251,10 @@ double ElasticMesh::energyAt(const VecX& x, const ElasticState& state, ElasticAh
   ahead.element.resize(elements_.size());
   const int count = static_cast<int>(elements_.size());
   parallelRanges(partsFor(count), count, [&](int begin, int end) {
-    for (int i = begin; i < end; ++i) {
-      const ElasticElement& e = elements_[i];
-      const Mat3 gradient = e.deformationGradient(x);
-      ahead.rotations[i] = polarRotation(gradient, state.rotations[i]);
-      ahead.element[i] = forcesOf(e, state.stiffness_scale, ahead.rotations[i], gradient);
-    }
+    std::copy(state.rotations.begin() + begin, state.rotations.begin() + end, ahead.rotations.begin() + begin);
+    turnToFit(x, begin, end, ahead.rotations, [&](int i, const Mat3& gradient) {
+      ahead.element[i] = forcesOf(elements_[i], state.stiffness_scale, ahead.rotations[i], gradient);
+    });
   });
   ahead.forces.setZero(3 * nodes());
   ahead.thin.clear();

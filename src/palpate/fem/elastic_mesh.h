@@ -134,6 +134,8 @@ class ElasticMesh {
     std::vector<int> elements;
     std::vector<std::pair<int, int>> diagonal;  // node, slot
   };
+  template <class Visit>
+  void turnToFit(const VecX& x, int begin, int end, std::vector<Mat3>& rotations, Visit visit) const;
   void updateReleased(const VecX& x, const std::vector<int>& thin, std::vector<int>& released) const;
   std::vector<FlatElement> flatOnes(const VecX& x, const std::vector<int>& thin, const std::vector<int>& released,
                                     const std::vector<Mat3>& rotations) const;

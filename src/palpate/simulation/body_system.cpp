@@ -35,15 +35,13 @@ void BodySystem::assemble(const StepInput& input, BodyState& state, const BodyCo
   moved_energy_.reset();
   if (turned_) {
     takePrepared();
-  } else if (ahead_.isFor(x)) {
+  } else {
+    if (!ahead_.isFor(x)) ahead_energy_ = fem.energyAt(x, state.elastic, ahead_);
     moved_energy_ = ahead_energy_;
     state.elastic.rotations.swap(ahead_.rotations);
     state.elastic.flat.swap(ahead_.flat);
     state.elastic.released.swap(ahead_.released);
     f_.swap(ahead_.forces);
-  } else {
-    fem.updateRotations(x, state.elastic);
-    fem.forces(x, state.elastic, f_);
   }
   ahead_.clear();
   tension_.clear();

@@ -301,7 +301,7 @@ class BodySystem {
   HandleState start_;
   ElasticAhead ahead_;
   double ahead_energy_ = 0;             // elastic, there [J]
-  std::optional<double> moved_energy_;  // elastic, of moved_, where it was known ahead [J]
+  std::optional<double> moved_energy_;  // elastic, of what A is of, unless A is prepared [J]
   SymmetricBlockMatrix a_;
   SparseCholesky factor_;
   SparseCholesky spare_;  // the one with no nodes last, once it was asked for, or that with them
