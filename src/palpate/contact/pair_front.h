@@ -49,6 +49,8 @@ class PairFront {
   }
   /// Adds a pair that is apart until it has moved by `gap` more [m].
   void addApart(NodePair pair, double gap) { add(pair, accumulated_motion_ + gap); }
+  /// The same of pair i, which is there.
+  void setApart(std::size_t i, double gap) { motion_limit_[i] = accumulated_motion_ + gap; }
   /// Adds a pair that the next search has to look at in any case.
   void addMeeting(NodePair pair) { add(pair, -std::numeric_limits<double>::infinity()); }
   /// Whether pair i stays apart in a search along a motion of `relative` [m].

@@ -119,6 +119,11 @@ size_t SurfacePairFinder::continueFrom(PairFront& front, PairSearch& s) {
   for (size_t i = 0; i < size && !gave_up_; ++i) {
     if (front.staysApart(i, s.relative)) continue;
     const NodePair pair = front.pairs_[i];
+    const MovingBox &box_a = s.a.nodeBox(pair.a), &box_b = s.b.nodeBox(pair.b);
+    if (!s.meet(box_a, box_b)) {
+      front.setApart(i, static_cast<double>(startDistance(box_a, box_b) - s.box_reach));
+      continue;
+    }
     front.pairs_[i].a = -1;
     opened_.push_back({i, pair});
     descend(s, pair);
