@@ -397,11 +397,10 @@ void World::stepAlong(Way& way, double from, double to, StepReport& sum) {
     if (!tryStep(input, static_cast<double>(length) / kShortest, last, part)) {
       sum.times += part.times;
       const double promising = stage_.result().promising;
-      if (way.path != nullptr && !way.pulled) {
-        way.pulled = true;
-      } else {
-        ++halvings;
-      }
+      const bool leaves_path = way.path != nullptr && !way.pulled;
+      way.pulled = way.path != nullptr;
+      // pulled it takes about the same way, which costs as much
+      if (!leaves_path || (length > 1 && stage_.result().given_up)) ++halvings;
       const int shorter = kShortest >> (halvings + 1);
       const bool dear = meter_.left() < (1.0 - kDearShare) * meter_.whole();
       if (dear && shorter > 0 && affords((kShortest - done) / shorter)) ++halvings;
