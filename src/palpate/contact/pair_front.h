@@ -44,8 +44,13 @@ class PairFront {
   };
 
   /// Whether there is nothing to go on from, or a search from the roots would do with far fewer pairs.
-  bool mustRestart(double reach) const {
-    return roots_size_ == 0 || reach != reach_ || pairs_.size() > 2 * roots_size_ + 256;
+  bool mustRestart(double reach) const { return roots_size_ == 0 || reach != reach_ || pairs_.size() > mostPairs(); }
+  std::size_t mostPairs() const { return 2 * roots_size_ + 256; }
+  /// From the roots; later searches find room for what they add.
+  void beganWith(std::size_t pairs) {
+    roots_size_ = pairs;
+    pairs_.reserve(mostPairs());
+    motion_limit_.reserve(mostPairs());
   }
   /// Adds a pair that is apart until it has moved by `gap` more [m].
   void addApart(NodePair pair, double gap) { add(pair, accumulated_motion_ + gap); }

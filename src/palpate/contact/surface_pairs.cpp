@@ -112,7 +112,8 @@ size_t SurfacePairFinder::continueFrom(PairFront& front, PairSearch& s) {
     front.forget();
     front.reach_ = s.reach;
     descendFromRoots(s);
-    front.roots_size_ = front.pairs_.size() + meeting_.size() + 1;
+    front.beganWith(front.pairs_.size() + meeting_.size() + 1);
+    opened_.reserve(front.pairs_.capacity());
     return 0;
   }
   const size_t size = front.pairs_.size();
