@@ -9,8 +9,8 @@
 namespace palpate {
 namespace {
 
-// pairs of clusters that cost what it takes to find one pair of features: that hit each other, and others
-constexpr double kHit = 1, kNear = 0.5;
+constexpr double kHit = 0.5;     // of a pair of clusters: what it costs to find when two features hit each other
+constexpr size_t kAtOnce = 256;  // pairs of clusters, before it is asked whether the search has cost too much
 
 }  // namespace
 
@@ -22,25 +22,10 @@ void SurfacePairFinder::testMeetingClusters(PairSearch& s) {
     return;
   }
   makeTriangleBoxes(s);
-  const int count = static_cast<int>(meeting_.size()), parts = std::min(count, kMostParts);
   workspace_.resize(kMostParts);
-  parallelRanges(parts, count, [&](int begin, int end, int part) {
-    Workspace& workspace = workspace_[static_cast<size_t>(part)];
-    workspace.found.clear();
-    PairSearch own = s;
-    own.out = &workspace.found;
-    for (int i = begin; i < end; ++i) {
-      Meeting& m = meeting_[static_cast<size_t>(i)];
-      testClusters(own, m.leaves, workspace);
-      m.clearance = own.clearance;
-    }
-    workspace.first_hit = own.first_hit;
-  });
-  for (int part = 0; part < parts; ++part) {
-    const Workspace& workspace = workspace_[static_cast<size_t>(part)];
-    s.out->insert(s.out->end(), workspace.found.begin(), workspace.found.end());
-    for (const FeaturePair& pair : workspace.found) tested_ += pair.hit ? kHit : kNear;
-    s.first_hit = std::min(s.first_hit, workspace.first_hit);
+  for (size_t first = 0; first < meeting_.size() && !gave_up_; first += kAtOnce) {
+    testSome(s, std::span(meeting_).subspan(first, std::min(kAtOnce, meeting_.size() - first)));
+    gave_up_ = tested_ > allowed_;
   }
   shareRoom();
   if (s.front != nullptr) {
@@ -53,6 +38,28 @@ void SurfacePairFinder::testMeetingClusters(PairSearch& s) {
     }
   }
   meeting_.clear();
+}
+
+void SurfacePairFinder::testSome(PairSearch& s, std::span<Meeting> meeting) {
+  const int count = static_cast<int>(meeting.size()), parts = std::min(count, kMostParts);
+  parallelRanges(parts, count, [&](int begin, int end, int part) {
+    Workspace& workspace = workspace_[static_cast<size_t>(part)];
+    workspace.found.clear();
+    PairSearch own = s;
+    own.out = &workspace.found;
+    for (int i = begin; i < end; ++i) {
+      Meeting& m = meeting[static_cast<size_t>(i)];
+      testClusters(own, m.leaves, workspace);
+      m.clearance = own.clearance;
+    }
+    workspace.first_hit = own.first_hit;
+  });
+  for (int part = 0; part < parts; ++part) {
+    const Workspace& workspace = workspace_[static_cast<size_t>(part)];
+    s.out->insert(s.out->end(), workspace.found.begin(), workspace.found.end());
+    for (const FeaturePair& pair : workspace.found) tested_ += pair.hit ? kHit : 0.0;
+    s.first_hit = std::min(s.first_hit, workspace.first_hit);
+  }
 }
 
 // Boxes of the triangles in clusters that meet, each cluster's once, before parts ask for them at the same time.

@@ -19,7 +19,9 @@ double trianglesOfCluster(const CollisionSurface& s) {
   return static_cast<double>(s.triangles().size()) / static_cast<double>(s.clusters());
 }
 
-constexpr double kPieceLength = 8;     // in clusters: in shorter ones the same clusters meet in one after the other
+// Of pieces of time, in clusters. Tests are of longer ones, as in shorter ones the same clusters meet one time after
+// the other; what is reported is as of tests in the shorter ones.
+constexpr double kTestedLength = 8, kReportedLength = 2;
 constexpr double kTrianglePairs = 50;  // of two clusters that count as one pair
 
 }  // namespace
@@ -58,9 +60,11 @@ void SurfacePairFinder::search(PairSearch& s) {
   const double size = std::max(1e-9, 0.5 * (s.a.clusterSize() + s.b.clusterSize()));
   const double ratio = s.relative / (size + s.reach);
   s.fast = ratio > 0.5;
-  const int pieces = std::isfinite(ratio) ? static_cast<int>(std::clamp(std::ceil(ratio / kPieceLength), 1.0,
-                                                                        static_cast<double>(settings_.max_pieces)))
-                                          : 1;
+  const auto piecesOf = [&](double length) {
+    const double most = settings_.max_pieces;
+    return std::isfinite(ratio) ? std::clamp(std::ceil(ratio / length), 1.0, most) : 1.0;
+  };
+  const int pieces = static_cast<int>(piecesOf(kTestedLength));
   weight_ = std::min(1.0, trianglesOfCluster(s.a) * trianglesOfCluster(s.b) / kTrianglePairs);
   meeting_.clear();
   counted_ = pieces == 1;
@@ -76,12 +80,23 @@ void SurfacePairFinder::search(PairSearch& s) {
     testInPieces(s, pieces);
   }
   if (s.front != nullptr) finishFront(*s.front, earlier);
+  dropLater(s, begin, piecesOf(kReportedLength));
   // each pair of features comes once
   std::sort(s.out->begin() + static_cast<std::ptrdiff_t>(begin), s.out->end(),
             [](const FeaturePair& p, const FeaturePair& q) {
               return std::tuple(p.kind, p.first_feature, p.second_feature) <
                      std::tuple(q.kind, q.first_feature, q.second_feature);
             });
+}
+
+// Of what was found since `begin`: after the piece of time with the first hit, what only comes later.
+void SurfacePairFinder::dropLater(const PairSearch& s, size_t begin, double pieces) {
+  const double until = std::ceil(s.first_hit * pieces) / pieces;
+  if (!(until < 1)) return;
+  const auto later = [&](const FeaturePair& pair) {
+    return !(pair.start_distance < s.reach) && !(pair.hit && pair.toi <= until);
+  };
+  s.out->erase(std::remove_if(s.out->begin() + static_cast<std::ptrdiff_t>(begin), s.out->end(), later), s.out->end());
 }
 
 // The clusters that meet at any time, in one piece of time after the other, up to the first hit.
@@ -103,6 +118,7 @@ void SurfacePairFinder::testInPieces(PairSearch& s, int pieces) {
     testMeetingClusters(piece);
     if (piece.first_hit <= piece.to) break;
   }
+  s.first_hit = piece.first_hit;
 }
 
 // @returns how many of the front's pairs are those of earlier searches; what this one opens is only marked

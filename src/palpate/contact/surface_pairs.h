@@ -2,6 +2,7 @@
 
 #include <array>
 #include <limits>
+#include <span>
 #include <utility>
 #include <vector>
 
@@ -60,8 +61,8 @@ class SurfacePairFinder {
     tested_ = 0;
     gave_up_ = false;
   }
-  /// Pairs of clusters since allow(), those of a few triangles counted as the fraction of one that they cost, and what
-  /// is found as some more.
+  /// Pairs of clusters since allow(), those of a few triangles counted as the fraction of one that they cost, and hits
+  /// as some more.
   double tested() const { return tested_; }
   bool gaveUp() const { return gave_up_; }  ///< since allow()
 
@@ -103,6 +104,7 @@ class SurfacePairFinder {
   // surface_pairs.cpp: pieces of time, and the trees
   void search(PairSearch& s);
   void testInPieces(PairSearch& s, int pieces);
+  static void dropLater(const PairSearch& s, size_t begin, double pieces);
   size_t continueFrom(PairFront& front, PairSearch& s);
   void finishFront(PairFront& front, size_t earlier);
   void descendFromRoots(PairSearch& s);
@@ -110,6 +112,7 @@ class SurfacePairFinder {
   bool visit(PairSearch& s, NodePair pair);
   // cluster_pairs.cpp: clusters and triangles
   void testMeetingClusters(PairSearch& s);
+  void testSome(PairSearch& s, std::span<Meeting> meeting);
   void makeTriangleBoxes(const PairSearch& s);
   void shareRoom();
   void testClusters(PairSearch& s, NodePair leaves, Workspace& workspace);
