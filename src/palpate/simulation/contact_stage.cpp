@@ -194,9 +194,9 @@ void ContactStage::takeGlued(const MovingBodies& bodies, const ContactInput& inp
 }
 
 // What a calm step takes, with room: solving contact three times what the factorizations do, and a search that has no
-// front to go on from about one pair of clusters for each of the places that were near.
+// front to go on from about one pair of clusters for each of the places that were near, in each of two passes.
 double ContactStage::calmOperations(const MovingBodies& bodies, const ContactMemory& memory) const {
-  constexpr double kSystems = 3.0, kSearches = 2.0;
+  constexpr double kSystems = 3.0, kSearches = 4.0;
   double systems = gluedOperations(bodies);
   for (int b = 0; b < bodies.size(); ++b) systems += bodies[b].factorOperations();
   return kSystems * systems + kSearches * SurfaceContacts::kOperations * static_cast<double>(memory.near.size());
