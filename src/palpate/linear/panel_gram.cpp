@@ -12,10 +12,9 @@ namespace {
 using Map = Eigen::Map<MatX>;
 using ConstStrided = Eigen::Map<const MatX, 0, Eigen::OuterStride<>>;
 
-constexpr int kPartColumns = 32;          // contacts of a part
-constexpr Eigen::Index kMany = 128;       // contacts whose products are collected
-constexpr double kMostOf = 0.6;           // of all contacts: others' rows are collected as zeros
-constexpr Eigen::Index kCollected = 192;  // rows
+constexpr int kLeast = 16;        // contacts that are worth several parts
+constexpr int kPartColumns = 32;  // contacts of a part, at most
+constexpr int kUnsorted = 32;     // the same where they are only copied
 
 }  // namespace
 
@@ -36,7 +35,6 @@ void PanelGram::setStructure(const PanelFactor& panels) {
   for (int k = 0; k < count; ++k) rank_[visit_[k]] = k;
   reach_.resize(count);
   mark_.assign(count, -1);
-  row_of_.resize(panels.nodes());
 }
 
 // Sorted by the panel that they begin in, as columns of one subtree then mostly lie together and their products need no
@@ -69,37 +67,87 @@ void PanelGram::findReach(const PanelFactor& panels, const std::vector<int>& pos
   }
 }
 
-std::size_t PanelGram::stackTop() const { return waiting_.empty() ? 0 : waiting_.back().offset + waiting_.back().size; }
+// Parts of like size, an even number, as most machines have that many cores.
+void PanelGram::makeParts(const PanelFactor& panels, int columns) {
+  part_count_ = columns < kLeast ? 1 : 2 * (1 + (columns - 1) / (2 * kPartColumns));
+  if (parts_.size() < static_cast<std::size_t>(part_count_)) parts_.resize(part_count_);
+  for (int p = 0; p < part_count_; ++p) {
+    Part& part = parts_[p];
+    part.columns = {partBegin(p, part_count_, columns), partBegin(p + 1, part_count_, columns)};
+    part.waiting.clear();
+    part.row_of.resize(panels.nodes());
+  }
+  const auto partOf = [&](int column) {
+    int p = 0;
+    while (column >= parts_[p].columns.end) ++p;
+    return p;
+  };
+  shared_.clear();
+  half_at_.assign(reach_.size(), 0);
+  std::size_t size = 0;
+  for (const int s : visit_) {
+    if (reach_[s].empty() || partOf(reach_[s].front()) == partOf(reach_[s].back())) continue;
+    shared_.push_back(s);
+    half_at_[s] = size;
+    size += 9 * reach_[s].size() * panels.panels()[s].columns;
+  }
+  grow(halves_, static_cast<Eigen::Index>(size));
+}
 
-// What the columns [begin, end) of those that reach panel s have in its own rows.
-void PanelGram::addOwnBlocks(const PanelFactor::Panel& panel, const std::vector<int>& reach, int begin, int end,
-                             const BlockColumns& columns, const std::vector<int>& position, Map& front) const {
-  for (int j = begin; j < end; ++j) {
-    const int c = order_[reach[j]];
-    for (int k = columns.begin[c]; k < columns.begin[c + 1]; ++k) {
-      const int node = position[columns.node[k]];
-      if (node < panel.first || node >= panel.first + panel.columns) continue;
-      front.block<3, 3>(3 * (node - panel.first), 3 * j) += columns.block[k];
+// Each pair of parts in two halves.
+void PanelGram::makeTiles() {
+  tile_count_ = part_count_ * (part_count_ - 1);
+  if (tiles_.size() < static_cast<std::size_t>(tile_count_)) tiles_.resize(tile_count_);
+  int count = 0;
+  for (int p = 0; p < part_count_; ++p) {
+    const auto [begin, end] = parts_[p].columns;
+    const int middle = (begin + end) / 2;
+    for (int later = p + 1; later < part_count_; ++later) {
+      for (const Range half : {Range{begin, middle}, Range{middle, end}}) {
+        tiles_[count].part = p;
+        tiles_[count].later = later;
+        tiles_[count++].columns = half;
+      }
     }
   }
 }
 
-// What a child left for its parent's rows, in the columns [begin, end) of those that reach the parent.
-void PanelGram::addFromChild(const PanelFactor& panels, const Waiting& waiting, const std::vector<int>& reach,
-                             int begin, int end, Map& front) const {
-  const PanelFactor::Panel& child = panels.panels()[waiting.panel];
-  const int* rows = panels.rows().data() + child.row_begin + child.columns;
+// Where those of the sorted columns that reach a panel are in its list.
+PanelGram::Range PanelGram::reached(int panel, Range columns) const {
+  const auto& list = reach_[panel];
+  const auto first = std::lower_bound(list.begin(), list.end(), columns.begin);
+  const auto last = std::lower_bound(first, list.end(), columns.end);
+  return {static_cast<int>(first - list.begin()), static_cast<int>(last - list.begin())};
+}
+
+// What columns that reach panel s have in its own rows.
+void PanelGram::addOwnBlocks(const Factor& f, int s, Range reach, Map& front) const {
+  const PanelFactor::Panel& panel = f.panels.panels()[s];
+  for (int j = 0; j < reach.size(); ++j) {
+    const int c = order_[reach_[s][reach.begin + j]];
+    for (int k = f.columns.begin[c]; k < f.columns.begin[c + 1]; ++k) {
+      const int node = f.position[f.columns.node[k]];
+      if (node < panel.first || node >= panel.first + panel.columns) continue;
+      front.block<3, 3>(3 * (node - panel.first), 3 * j) += f.columns.block[k];
+    }
+  }
+}
+
+// What a child left for its parent's rows, in a part's columns; `reach`: of the parent.
+void PanelGram::addFromChild(const Factor& f, const Part& part, const Waiting& waiting, Range reach, Map& front) const {
+  const PanelFactor::Panel& child = f.panels.panels()[waiting.panel];
+  const int* rows = f.panels.rows().data() + child.row_begin + child.columns;
   const int height = child.rows - child.columns;
-  const std::vector<int>& from_reach = reach_[waiting.panel];
-  auto from_column = std::lower_bound(from_reach.begin(), from_reach.end(), reach[begin]);
-  const double* from = stack_.data() + waiting.offset + 9 * height * (from_column - from_reach.begin());
-  auto at = reach.begin() + begin;
-  for (; from_column != from_reach.end() && *from_column <= reach[end - 1]; ++from_column) {
-    at = std::lower_bound(at, reach.begin() + end, *from_column);
+  const Range from_reach = reached(waiting.panel, part.columns);
+  const double* from = part.stack.data() + waiting.offset;
+  const auto& list = reach_[f.panels.parent(waiting.panel)];
+  int at = reach.begin;
+  for (int i = from_reach.begin; i < from_reach.end; ++i) {
+    while (list[at] < reach_[waiting.panel][i]) ++at;
     for (int d = 0; d < 3; ++d, from += 3 * height) {
-      double* to = front.col(3 * (at - reach.begin()) + d).data();
+      double* to = front.col(3 * (at - reach.begin) + d).data();
       for (int r = 0; r < height; ++r) {
-        double* entry = to + 3 * row_of_[rows[r]];
+        double* entry = to + 3 * part.row_of[rows[r]];
         entry[0] += from[3 * r];
         entry[1] += from[3 * r + 1];
         entry[2] += from[3 * r + 2];
@@ -110,101 +158,133 @@ void PanelGram::addFromChild(const PanelFactor& panels, const Waiting& waiting, 
 
 // Right-hand sides at a panel's rows, its own and what its children leave there, and what they become by the panel's
 // columns of L. On top of the stack, after what the children left.
-void PanelGram::solveFront(const PanelFactor& panels, const double* values, int s, const BlockColumns& columns,
-                           const std::vector<int>& position, Map& front) {
-  const PanelFactor::Panel& panel = panels.panels()[s];
+void PanelGram::solveFront(const Factor& f, int s, Range reach, Part& part, Map& front) const {
+  const PanelFactor::Panel& panel = f.panels.panels()[s];
   const Eigen::Index own = 3 * panel.columns, below = front.rows() - own;
-  const std::vector<int>& reach = reach_[s];
-  const int* rows = panels.rows().data() + panel.row_begin;
-  for (int r = 0; r < panel.rows; ++r) row_of_[rows[r]] = r;
-  std::size_t first_child = waiting_.size();
-  while (first_child > 0 && panels.parent(waiting_[first_child - 1].panel) == s) --first_child;
-  const int count = static_cast<int>(reach.size()), parts = 1 + (count - 1) / kPartColumns;
-  const ConstStrided l(values + panel.value, own + below, own, Eigen::OuterStride<>(panel.stride));
-  parallelRanges(parts, count, [&](int begin, int end) {
-    auto mine = front.middleCols(3 * begin, 3 * (end - begin));
-    mine.setZero();
-    addOwnBlocks(panel, reach, begin, end, columns, position, front);
-    for (std::size_t w = waiting_.size(); w-- > first_child;) {
-      addFromChild(panels, waiting_[w], reach, begin, end, front);
-    }
-    solveLowerInPlace(l.topRows(own), mine.topRows(own));
-    if (below > 0) mine.bottomRows(below).noalias() -= l.bottomRows(below) * mine.topRows(own);
-  });
-  waiting_.resize(first_child);
+  const int* rows = f.panels.rows().data() + panel.row_begin;
+  for (int r = 0; r < panel.rows; ++r) part.row_of[rows[r]] = r;
+  front.setZero();
+  addOwnBlocks(f, s, reach, front);
+  while (!part.waiting.empty() && f.panels.parent(part.waiting.back().panel) == s) {
+    addFromChild(f, part, part.waiting.back(), reach, front);
+    part.waiting.pop_back();
+  }
+  const ConstStrided l(f.values + panel.value, own + below, own, Eigen::OuterStride<>(panel.stride));
+  solveLowerInPlace(l.topRows(own), front.topRows(own));
+  if (below > 0) front.bottomRows(below).noalias() -= l.bottomRows(below) * front.topRows(own);
 }
 
 // Keeps a front's rows below its panel where its children's began.
-void PanelGram::leaveToParent(int panel, const Map& front, Eigen::Index below) {
+void PanelGram::leaveToParent(int panel, const Map& front, Eigen::Index below, Part& part) {
   if (below == 0) return;
-  const std::size_t offset = stackTop();
-  double* to = stack_.data() + offset;
+  const std::size_t offset = part.stackTop();
+  double* to = part.stack.data() + offset;
   for (Eigen::Index j = 0; j < front.cols(); ++j) {
     const double* from = front.data() + j * front.rows() + (front.rows() - below);
     std::copy(from, from + below, to + j * below);
   }
-  waiting_.push_back({panel, offset, static_cast<std::size_t>(below * front.cols())});
+  part.waiting.push_back({panel, offset, static_cast<std::size_t>(below * front.cols())});
+}
+
+// A panel's rows of Y, for the products with other parts' columns.
+void PanelGram::keepHalf(int panel, Range reach, const Eigen::Ref<const MatX>& half) {
+  if (static_cast<std::size_t>(reach.size()) == reach_[panel].size()) return;
+  double* to = halves_.data() + half_at_[panel] + static_cast<std::size_t>(3 * reach.begin * half.rows());
+  Map(to, half.rows(), half.cols()) = half;
+}
+
+// A part's columns through the tree, and its products with itself.
+void PanelGram::descend(const Factor& f, Part& part) {
+  const auto [begin, end] = part.columns;
+  for (int j = 3 * begin; j < 3 * end; ++j) sorted_.col(j).segment(j, 3 * end - j).setZero();
+  for (const int s : visit_) {
+    const Range reach = reached(s, part.columns);
+    if (reach.size() == 0) continue;
+    const PanelFactor::Panel& panel = f.panels.panels()[s];
+    const Eigen::Index own = 3 * panel.columns, below = 3 * (panel.rows - panel.columns), width = 3 * reach.size();
+    const std::size_t top = part.stackTop();
+    grow(part.stack, static_cast<Eigen::Index>(top) + (own + below) * width);
+    Map front(part.stack.data() + top, own + below, width);
+    solveFront(f, s, reach, part, front);
+    keepHalf(s, reach, front.topRows(own));
+    addProducts(s, reach, front.topRows(own), part.product);
+    leaveToParent(s, front, below, part);
+  }
 }
 
 namespace {
 
-// Lower triangle of out += half^T half, by tiles.
-void addGram(const Eigen::Ref<const MatX>& half, Eigen::Ref<MatX> out) {
-  constexpr Eigen::Index kTile = 192;
-  const Eigen::Index width = half.cols();
-  parallelFor(static_cast<int>((width + kTile - 1) / kTile), [&](int tile) {
-    const Eigen::Index begin = tile * kTile, own = std::min(kTile, width - begin), below = width - begin - own;
-    const auto columns = half.middleCols(begin, own);
-    out.block(begin, begin, own, own).selfadjointView<Eigen::Lower>().rankUpdate(columns.transpose());
-    if (below > 0) {
-      out.block(begin + own, begin, below, own).noalias() += half.rightCols(below).transpose() * columns;
-    }
-  });
+// Calls copy(from, to, size) for runs of columns that lie together, from where they are in a list to where they are
+// among all.
+template <class Copy>
+void forEachRun(const std::vector<int>& list, int begin, int end, Copy&& copy) {
+  for (int i = begin; i < end;) {
+    int next = i + 1;
+    while (next < end && list[next] == list[next - 1] + 1) ++next;
+    copy(i - begin, list[i], next - i);
+    i = next;
+  }
+}
+
+bool together(const std::vector<int>& list, int begin, int end) {
+  return list[end - 1] - list[begin] == end - 1 - begin;
 }
 
 }  // namespace
 
-// Half^T half at its place among the sorted columns.
-void PanelGram::addProducts(const Eigen::Ref<const MatX>& half, const std::vector<int>& reach) {
+// Half^T half at its place among the sorted columns, lower triangle.
+void PanelGram::addProducts(int panel, Range reach, const Eigen::Ref<const MatX>& half, MatX& product) {
+  const auto& list = reach_[panel];
   const Eigen::Index width = half.cols();
-  if (reach.back() - reach.front() + 1 == static_cast<int>(reach.size())) {
-    addGram(half, sorted_.block(3 * reach.front(), 3 * reach.front(), width, width));
+  if (together(list, reach.begin, reach.end)) {
+    sorted_.block(3 * list[reach.begin], 3 * list[reach.begin], width, width)
+        .selfadjointView<Eigen::Lower>()
+        .rankUpdate(half.transpose());
     return;
   }
-  product_.setZero(width, width);
-  addGram(half, product_);
-  const auto count = static_cast<Eigen::Index>(reach.size());
-  for (Eigen::Index j = 0; j < count; ++j) {
-    for (Eigen::Index i = j; i < count;) {  // runs of columns that lie together
-      Eigen::Index end = i + 1;
-      while (end < count && reach[end] == reach[end - 1] + 1) ++end;
-      sorted_.block(3 * reach[i], 3 * reach[j], 3 * (end - i), 3) += product_.block(3 * i, 3 * j, 3 * (end - i), 3);
-      i = end;
+  product.setZero(width, width);
+  product.selfadjointView<Eigen::Lower>().rankUpdate(half.transpose());
+  for (int j = 0; j < reach.size(); ++j) {
+    forEachRun(list, reach.begin + j, reach.end, [&](int from, int to, int count) {
+      sorted_.block(3 * to, 3 * list[reach.begin + j], 3 * count, 3) +=
+          product.block(3 * (j + from), 3 * j, 3 * count, 3);
+    });
+  }
+}
+
+// Products of two parts' columns.
+void PanelGram::multiply(const PanelFactor& panels, Tile& tile) {
+  const Range below = parts_[tile.later].columns;
+  sorted_.block(3 * below.begin, 3 * tile.columns.begin, 3 * below.size(), 3 * tile.columns.size()).setZero();
+  for (const int s : shared_) {
+    const Range left = reached(s, tile.columns), right = reached(s, below);
+    if (left.size() == 0 || right.size() == 0) continue;
+    const auto& list = reach_[s];
+    const Eigen::Index own = 3 * panels.panels()[s].columns;
+    const auto half = [&](Range r) {
+      return Eigen::Map<const MatX>(halves_.data() + half_at_[s] + static_cast<std::size_t>(3 * r.begin * own), own,
+                                    3 * r.size());
+    };
+    if (together(list, left.begin, left.end) && together(list, right.begin, right.end)) {
+      sorted_.block(3 * list[right.begin], 3 * list[left.begin], 3 * right.size(), 3 * left.size()).noalias() +=
+          half(right).transpose() * half(left);
+      continue;
+    }
+    tile.product.resize(3 * right.size(), 3 * left.size());
+    tile.product.noalias() = half(right).transpose() * half(left);
+    for (int j = 0; j < left.size(); ++j) {
+      forEachRun(list, right.begin, right.end, [&](int from, int to, int count) {
+        sorted_.block(3 * to, 3 * list[left.begin + j], 3 * count, 3) +=
+            tile.product.block(3 * from, 3 * j, 3 * count, 3);
+      });
     }
   }
-}
-
-// Few rows under many columns: adding their products would mostly be reading and writing the sum.
-void PanelGram::collect(const Eigen::Ref<const MatX>& half, const std::vector<int>& reach) {
-  if (collected_rows_ + half.rows() > kCollected) addCollected();
-  collected_.resize(kCollected, sorted_.cols());
-  auto rows = collected_.middleRows(collected_rows_, half.rows());
-  rows.setZero();
-  for (std::size_t j = 0; j < reach.size(); ++j) {
-    rows.middleCols<3>(3 * reach[j]) = half.middleCols<3>(static_cast<Eigen::Index>(3 * j));
-  }
-  collected_rows_ += half.rows();
-}
-
-void PanelGram::addCollected() {
-  if (collected_rows_ > 0) addGram(collected_.topRows(collected_rows_), sorted_);
-  collected_rows_ = 0;
 }
 
 // The products of the sorted columns, in the order that they were given in.
 void PanelGram::unsort(MatX& out) const {
   const int count = static_cast<int>(place_.size());
-  parallelRanges(1 + (count - 1) / kPartColumns, count, [&](int begin, int end) {
+  parallelRanges(1 + (count - 1) / kUnsorted, count, [&](int begin, int end) {
     for (int j = begin; j < end; ++j) {
       const Eigen::Index column = place_[j];
       for (Eigen::Index i = j; i < count; ++i) {
@@ -223,33 +303,13 @@ void PanelGram::unsort(MatX& out) const {
 
 void PanelGram::compute(const PanelFactor& panels, const double* values, const std::vector<int>& position,
                         const BlockColumns& columns, MatX& out) {
-  const Eigen::Index size = columns.size();
   findReach(panels, position, columns);
-  sorted_.resize(3 * size, 3 * size);
-  const int count = static_cast<int>(size);
-  parallelRanges(1 + (count - 1) / kPartColumns, count, [&](int begin, int end) {
-    for (int j = 3 * begin; j < 3 * end; ++j) sorted_.col(j).tail(3 * size - j).setZero();
-  });
-  waiting_.clear();
-  collected_rows_ = 0;
-  for (const int s : visit_) {
-    if (reach_[s].empty()) continue;
-    const PanelFactor::Panel& panel = panels.panels()[s];
-    const Eigen::Index own = 3 * panel.columns, below = 3 * (panel.rows - panel.columns);
-    const auto reached = static_cast<Eigen::Index>(reach_[s].size()), width = 3 * reached;
-    const std::size_t top = stackTop();
-    grow(stack_, static_cast<Eigen::Index>(top) + (own + below) * width);
-    Map front(stack_.data() + top, own + below, width);
-    solveFront(panels, values, s, columns, position, front);
-    if (reached >= kMany && own <= kCollected / 2 &&
-        kMostOf * static_cast<double>(size) < static_cast<double>(reached)) {
-      collect(front.topRows(own), reach_[s]);
-    } else {
-      addProducts(front.topRows(own), reach_[s]);
-    }
-    leaveToParent(s, front, below);
-  }
-  addCollected();
+  sorted_.resize(3 * columns.size(), 3 * columns.size());
+  makeParts(panels, columns.size());
+  makeTiles();
+  const Factor factor{panels, values, position, columns};
+  parallelFor(part_count_, [&](int p) { descend(factor, parts_[p]); });
+  parallelFor(tile_count_, [&](int t) { multiply(panels, tiles_[t]); });
   unsort(out);
 }
 

@@ -30,7 +30,8 @@ struct BlockColumns {
 
 /// R^T A^-1 R from the panels of A's Cholesky factor, for sparse columns R: Y = L^-1 P R, then Y^T Y, panel by panel
 /// and in dense blocks, with those columns alone that reach a panel (a column reaches the panels on its nodes' ways to
-/// the root of the elimination tree). Owns its workspace.
+/// the root of the elimination tree). Parts of the columns go through the tree at the same time, and pairs of parts are
+/// multiplied afterwards. Owns its workspace.
 class PanelGram {
  public:
   /// Order in which the panels are visited; whenever the factor's structure has changed.
@@ -44,22 +45,48 @@ class PanelGram {
   double operations(const PanelFactor& panels, const std::vector<int>& nodes);
 
  private:
-  void findReach(const PanelFactor& panels, const std::vector<int>& position, const BlockColumns& columns);
-  struct Waiting {  // what a panel leaves to its parent: rows below it x columns that reach it
+  struct Factor {
+    const PanelFactor& panels;
+    const double* values;
+    const std::vector<int>& position;
+    const BlockColumns& columns;
+  };
+  struct Range {
+    int begin, end;
+    int size() const { return end - begin; }
+  };
+  struct Waiting {  // what a panel leaves to its parent: rows below it x a part's columns that reach it
     int panel;
     std::size_t offset, size;
   };
-  std::size_t stackTop() const;
-  void addOwnBlocks(const PanelFactor::Panel& panel, const std::vector<int>& reach, int begin, int end,
-                    const BlockColumns& columns, const std::vector<int>& position, Eigen::Map<MatX>& front) const;
-  void addFromChild(const PanelFactor& panels, const Waiting& waiting, const std::vector<int>& reach, int begin,
-                    int end, Eigen::Map<MatX>& front) const;
-  void solveFront(const PanelFactor& panels, const double* values, int panel, const BlockColumns& columns,
-                  const std::vector<int>& position, Eigen::Map<MatX>& front);
-  void leaveToParent(int panel, const Eigen::Map<MatX>& front, Eigen::Index below);
-  void addProducts(const Eigen::Ref<const MatX>& half, const std::vector<int>& reach);
-  void collect(const Eigen::Ref<const MatX>& half, const std::vector<int>& reach);
-  void addCollected();
+  struct Part {  // of the sorted columns
+    Range columns;
+    std::vector<Waiting> waiting;
+    // aligned, as Eigen's matrices are: otherwise the heap decides how sums are split, and the last bits with it
+    AlignedBuffer stack;
+    std::vector<int> row_of;
+    MatX product;
+    std::size_t stackTop() const { return waiting.empty() ? 0 : waiting.back().offset + waiting.back().size; }
+  };
+  struct Tile {  // some of a part's columns beside all of a later part's
+    int part, later;
+    Range columns;
+    MatX product;
+  };
+
+  void findReach(const PanelFactor& panels, const std::vector<int>& position, const BlockColumns& columns);
+  void makeParts(const PanelFactor& panels, int columns);
+  void makeTiles();
+  Range reached(int panel, Range columns) const;
+  void addOwnBlocks(const Factor& f, int panel, Range reach, Eigen::Map<MatX>& front) const;
+  void addFromChild(const Factor& f, const Part& part, const Waiting& waiting, Range reach,
+                    Eigen::Map<MatX>& front) const;
+  void solveFront(const Factor& f, int panel, Range reach, Part& part, Eigen::Map<MatX>& front) const;
+  static void leaveToParent(int panel, const Eigen::Map<MatX>& front, Eigen::Index below, Part& part);
+  void keepHalf(int panel, Range reach, const Eigen::Ref<const MatX>& half);
+  void descend(const Factor& f, Part& part);
+  void addProducts(int panel, Range reach, const Eigen::Ref<const MatX>& half, MatX& product);
+  void multiply(const PanelFactor& panels, Tile& tile);
   void unsort(MatX& out) const;
 
   std::vector<int> visit_;                // panels, children before their parents and whole subtrees together
@@ -67,13 +94,13 @@ class PanelGram {
   std::vector<std::vector<int>> reach_;   // of each panel: columns, as places in order_, increasing
   std::vector<int> order_, place_, key_;  // columns sorted by where they begin; the reverse
   std::vector<int> mark_;
-  std::vector<Waiting> waiting_;
-  // aligned, as Eigen's matrices are: otherwise the heap decides how sums are split, and the last bits with it
-  AlignedBuffer stack_;
-  std::vector<int> row_of_;
-  MatX sorted_, product_;
-  MatX collected_;  // rows of panels that most columns reach, whose products are added together
-  Eigen::Index collected_rows_ = 0;
+  std::vector<Part> parts_;
+  std::vector<Tile> tiles_;
+  int part_count_ = 0, tile_count_ = 0;  // the others are kept for their room
+  std::vector<int> shared_;              // panels that several parts reach
+  std::vector<std::size_t> half_at_;     // where their rows of Y are, of each panel
+  AlignedBuffer halves_;
+  MatX sorted_;
 };
 
 }  // namespace palpate
