@@ -191,8 +191,9 @@ TEST(ThreadedStep, AFactorFormsGramMatricesWhileItSolves) {
   SparseCholesky& factor = tool.system.factor();
   const int n = tool.model.freeNodes();
   BlockColumns columns;
-  for (int k = 0; k < 12; ++k) {
-    columns.add(k * n / 12, Mat3::Identity());
+  for (int k = 0; k < 100; ++k) {  // in several parts
+    columns.add(k * n / 100, Mat3::Identity());
+    columns.add(7 * k % n, -Mat3::Identity());
     columns.close();
   }
   const MatX loads = MatX::NullaryExpr(
@@ -200,6 +201,13 @@ TEST(ThreadedStep, AFactorFormsGramMatricesWhileItSolves) {
   MatX gram, solution = loads;
   factor.gram(columns, gram);
   factor.solve(solution);
+  for (const int threads : {2, 3}) {
+    ThreadTeam team(threads);
+    const ExecutorScope scope(&team);
+    MatX shared;
+    factor.gram(columns, shared);
+    EXPECT_TRUE(MatX(shared.triangularView<Eigen::Lower>()) == MatX(gram.triangularView<Eigen::Lower>())) << threads;
+  }
   for (int round = 0; round < 20; ++round) {
     MatX other;
     std::thread beside([&] { factor.gram(columns, other); });

@@ -159,19 +159,13 @@ template <class Visit>
 void ElasticMesh::turnToFit(const VecX& x, int begin, int end, std::vector<Mat3>& rotations, Visit visit) const {
   std::array<Mat3, 4> gradient;
   std::array<Mat3*, 4> rotation{};
-  std::array<Mat3, 3> spare;
   for (int i = begin; i < end; i += 4) {
     const int count = std::min(4, end - i);
-    for (int k = 0; k < 4; ++k) {
-      if (k < count) {
-        gradient[k] = elements_[i + k].deformationGradient(x);
-        rotation[k] = &rotations[i + k];
-      } else {
-        gradient[k] = spare[k - 1] = Mat3::Identity();
-        rotation[k] = &spare[k - 1];
-      }
+    for (int k = 0; k < count; ++k) {
+      gradient[k] = elements_[i + k].deformationGradient(x);
+      rotation[k] = &rotations[i + k];
     }
-    polarRotations(gradient, rotation);
+    polarRotations(gradient, rotation, count);
     for (int k = 0; k < count; ++k) visit(i + k, gradient[k]);
   }
 }

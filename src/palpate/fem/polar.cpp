@@ -23,24 +23,22 @@ constexpr double kUnchanged = 1e-30;     // square of an angle by which nothing 
 
 Mat3 polarRotation(const Mat3& f, const Mat3& guess) {
   Mat3 rotation = guess;
-  std::array<Mat3, 3> spare;
-  spare.fill(Mat3::Identity());
-  polarRotations({f, spare[0], spare[1], spare[2]}, {&rotation, &spare[0], &spare[1], &spare[2]});
+  polarRotations({f}, {&rotation}, 1);
   return rotation;
 }
 
 // Newton: the axial vector of G = R^T F over H = tr(G) 1 - sym(G), by its adjugate, is the rotation vector that is
 // left. R is turned about it by 2 atan of half its length, which is that but for its cube: no sine, no root. What has
 // arrived stays as it is while others go on, so that none depends on the others.
-void polarRotations(const std::array<Mat3, 4>& f, const std::array<Mat3*, 4>& rotation) {
+void polarRotations(const std::array<Mat3, 4>& f, const std::array<Mat3*, 4>& rotation, int count) {
   using Lanes = double __attribute__((vector_size(32)));
   using Matrix = std::array<std::array<Lanes, 3>, 3>;
   Matrix r, d;
   for (int i = 0; i < 3; ++i) {
     for (int j = 0; j < 3; ++j) {
       for (int n = 0; n < 4; ++n) {
-        r[i][j][n] = (*rotation[n])(i, j);
-        d[i][j][n] = f[n](i, j);
+        r[i][j][n] = n < count ? (*rotation[n])(i, j) : i == j;
+        d[i][j][n] = n < count ? f[n](i, j) : i == j;
       }
     }
   }
@@ -85,7 +83,7 @@ void polarRotations(const std::array<Mat3, 4>& f, const std::array<Mat3*, 4>& ro
     busy &= ~(size2 < kSmallRotation * kSmallRotation);
   }
   poor |= busy;
-  for (int n = 0; n < 4; ++n) {
+  for (int n = 0; n < count; ++n) {
     if (poor[n] != 0) {
       *rotation[n] = polarBySingularValues(f[n]);
       continue;

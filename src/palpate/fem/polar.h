@@ -12,9 +12,10 @@ namespace palpate {
 /// @param guess  rotation of the previous step
 Mat3 polarRotation(const Mat3& f, const Mat3& guess);
 
-/// polarRotation() of four at once, each to the bit that of itself alone.
+/// polarRotation() of up to four at once, each to the bit that of itself alone.
 /// @param rotation  the guess, and then the result
-void polarRotations(const std::array<Mat3, 4>& f, const std::array<Mat3*, 4>& rotation);
+/// @param count     how many there are; the others are not read
+void polarRotations(const std::array<Mat3, 4>& f, const std::array<Mat3*, 4>& rotation, int count = 4);
 
 /// tr(S) I - S of the symmetric part S of R^T F: maps a small body-frame rotation to the change of axial(R^T F). It is
 /// positive definite exactly where R is the polar rotation and depends smoothly on F.

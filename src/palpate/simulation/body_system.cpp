@@ -32,9 +32,9 @@ void BodySystem::assemble(const StepInput& input, BodyState& state, const BodyCo
   turns_ = mayTurn() && !displaced() && turnRigidly();
   turned_ = follows() && prepared_.ready && prepared_.step == h && prepared_.elastic.isFor(places_);
   const VecX& x = displaced() ? moved_ : x0_;
-  moved_energy_.reset();
   if (turned_) {
     takePrepared();
+    moved_energy_ = prepared_.energy;
   } else {
     if (!ahead_.isFor(x)) ahead_energy_ = fem.energyAt(x, state.elastic, ahead_);
     moved_energy_ = ahead_energy_;
@@ -673,9 +673,7 @@ double BodySystem::correctionEnergy(double elastic) {
   const FollowedHandle& followed = input_.followed;
   double energy = 0;
   if (followed.shift.size() > 0) {
-    ElasticAhead scratch;
-    energy = (turned_ ? prepared_.energy : model_->elasticity().energyAt(moved_, state_->elastic, scratch)) -
-             (elastic - springEnergyAt(x0_));
+    energy = moved_energy_ - (elastic - springEnergyAt(x0_));
     // gravity's work is counted along the whole way, of which the shift is no motion
     const Vec3 down = followed.end.pose.rotation.conjugate() * input_.gravity;
     for (int r = 0; r < model_->freeNodes(); ++r) {
@@ -699,9 +697,7 @@ double BodySystem::springEnergyAt(const VecX& x) const {
 }
 
 double BodySystem::shiftEnergy(double elastic) const {
-  ElasticAhead scratch;
-  double energy = moved_energy_ ? *moved_energy_ : model_->elasticity().energyAt(moved_, state_->elastic, scratch);
-  energy += springEnergyAt(moved_) - elastic;
+  double energy = moved_energy_ + springEnergyAt(moved_) - elastic;
   for (int r = 0; r < model_->freeNodes(); ++r) {
     const int i = model_->free()[r];
     const Vec3 before = start_velocities_.segment<3>(3 * i), more = correction_.velocity.segment<3>(3 * r);

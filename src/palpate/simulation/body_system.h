@@ -300,8 +300,8 @@ class BodySystem {
   std::vector<Mat3> tension_;  // P of each element, times h / sqrt(c): it does not damp; empty: left out
   HandleState start_;
   ElasticAhead ahead_;
-  double ahead_energy_ = 0;             // elastic, there [J]
-  std::optional<double> moved_energy_;  // elastic, of what A is of, unless A is prepared [J]
+  double ahead_energy_ = 0;  // elastic, there [J]
+  double moved_energy_ = 0;  // elastic, of what A is of [J]
   SymmetricBlockMatrix a_;
   SparseCholesky factor_;
   SparseCholesky spare_;  // the one with no nodes last, once it was asked for, or that with them
