@@ -62,10 +62,16 @@ void visualStepInContact(benchmark::State& state, const Case& c) {
   std::vector<double> state_ms;  // to save the state and to restore it
   std::vector<double> total, factorize, contact, linearization, active, contacts, found, between, passes, iterations;
   double t = 0, trouble = 0;
+  std::size_t before = 0;  // this run through the motion
   for (auto _ : state) {
     VisualRecord record;
     do {
       if (t >= std::min(config.duration, c.until)) {
+        if (total.size() == before) {
+          state.SkipWithError("the motion has no step in such contact");
+          return;
+        }
+        before = total.size();
         scene.world.restore(start);
         t = 0;
       }
@@ -122,8 +128,7 @@ const std::vector<std::pair<std::string, Case>> kCases{
     {"alien_lying_exact", {"alien-lying", 0, true, 0.5}},
     {"bunny_300", {"bunny", 0, false, 0.5}},
     {"bunny_3000", {"bunny", 3000, false, 0.5}},
-    {"alien_self", {"alien-self", 0, false, 3.0, 14.0, true}},
-    {"alien_self_exact", {"alien-self", 0, true, 3.0, 14.0, true}},
+    {"plug", {"plug", 0, false, 0.5}},
     {"bunnies", {"bunnies", 0, false, 3.0, 9.5, true}},
 };
 
