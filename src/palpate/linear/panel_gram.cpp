@@ -13,7 +13,8 @@ using Map = Eigen::Map<MatX>;
 using ConstStrided = Eigen::Map<const MatX, 0, Eigen::OuterStride<>>;
 
 constexpr int kLeast = 16;        // contacts that are worth several parts
-constexpr int kPartColumns = 32;  // contacts of a part, at most
+constexpr int kPartColumns = 32;  // contacts of a part, at most (unless there are kMostParts)
+constexpr int kMostParts = 128;   // more pairs would be more than a loop may have parts
 constexpr int kUnsorted = 32;     // the same where they are only copied
 
 }  // namespace
@@ -69,7 +70,7 @@ void PanelGram::findReach(const PanelFactor& panels, const std::vector<int>& pos
 
 // Parts of like size, an even number, as most machines have that many cores.
 void PanelGram::makeParts(const PanelFactor& panels, int columns) {
-  part_count_ = columns < kLeast ? 1 : 2 * (1 + (columns - 1) / (2 * kPartColumns));
+  part_count_ = columns < kLeast ? 1 : std::min(kMostParts, 2 * (1 + (columns - 1) / (2 * kPartColumns)));
   if (parts_.size() < static_cast<std::size_t>(part_count_)) parts_.resize(part_count_);
   for (int p = 0; p < part_count_; ++p) {
     Part& part = parts_[p];
@@ -104,7 +105,6 @@ void PanelGram::makeTiles() {
     const int middle = (begin + end) / 2;
     for (int later = p + 1; later < part_count_; ++later) {
       for (const Range half : {Range{begin, middle}, Range{middle, end}}) {
-        tiles_[count].part = p;
         tiles_[count].later = later;
         tiles_[count++].columns = half;
       }
@@ -214,23 +214,26 @@ void PanelGram::descend(const Factor& f, Part& part) {
 
 namespace {
 
-// Calls copy(from, to, size) for runs of columns that lie together, from where they are in a list to where they are
-// among all.
-template <class Copy>
-void forEachRun(const std::vector<int>& list, int begin, int end, Copy&& copy) {
-  for (int i = begin; i < end;) {
-    int next = i + 1;
-    while (next < end && list[next] == list[next - 1] + 1) ++next;
-    copy(i - begin, list[i], next - i);
-    i = next;
-  }
-}
-
 bool together(const std::vector<int>& list, int begin, int end) {
   return list[end - 1] - list[begin] == end - 1 - begin;
 }
 
 }  // namespace
+
+// Adds products of columns that reach a panel, right ones by left ones, where they are among all: in runs of columns
+// that lie together, and only what is in the lower triangle.
+void PanelGram::scatter(int panel, Range left, Range right, const MatX& product) {
+  const auto& list = reach_[panel];
+  for (int j = left.begin; j < left.end; ++j) {
+    for (int i = std::max(right.begin, j); i < right.end;) {
+      int next = i + 1;
+      while (next < right.end && list[next] == list[next - 1] + 1) ++next;
+      sorted_.block(3 * list[i], 3 * list[j], 3 * (next - i), 3) +=
+          product.block(3 * (i - right.begin), 3 * (j - left.begin), 3 * (next - i), 3);
+      i = next;
+    }
+  }
+}
 
 // Half^T half at its place among the sorted columns, lower triangle.
 void PanelGram::addProducts(int panel, Range reach, const Eigen::Ref<const MatX>& half, MatX& product) {
@@ -244,12 +247,7 @@ void PanelGram::addProducts(int panel, Range reach, const Eigen::Ref<const MatX>
   }
   product.setZero(width, width);
   product.selfadjointView<Eigen::Lower>().rankUpdate(half.transpose());
-  for (int j = 0; j < reach.size(); ++j) {
-    forEachRun(list, reach.begin + j, reach.end, [&](int from, int to, int count) {
-      sorted_.block(3 * to, 3 * list[reach.begin + j], 3 * count, 3) +=
-          product.block(3 * (j + from), 3 * j, 3 * count, 3);
-    });
-  }
+  scatter(panel, reach, reach, product);
 }
 
 // Products of two parts' columns.
@@ -272,12 +270,7 @@ void PanelGram::multiply(const PanelFactor& panels, Tile& tile) {
     }
     tile.product.resize(3 * right.size(), 3 * left.size());
     tile.product.noalias() = half(right).transpose() * half(left);
-    for (int j = 0; j < left.size(); ++j) {
-      forEachRun(list, right.begin, right.end, [&](int from, int to, int count) {
-        sorted_.block(3 * to, 3 * list[left.begin + j], 3 * count, 3) +=
-            tile.product.block(3 * from, 3 * j, 3 * count, 3);
-      });
-    }
+    scatter(s, left, right, tile.product);
   }
 }
 

@@ -69,7 +69,7 @@ class PanelGram {
     std::size_t stackTop() const { return waiting.empty() ? 0 : waiting.back().offset + waiting.back().size; }
   };
   struct Tile {  // some of a part's columns beside all of a later part's
-    int part, later;
+    int later;
     Range columns;
     MatX product;
   };
@@ -85,6 +85,7 @@ class PanelGram {
   static void leaveToParent(int panel, const Eigen::Map<MatX>& front, Eigen::Index below, Part& part);
   void keepHalf(int panel, Range reach, const Eigen::Ref<const MatX>& half);
   void descend(const Factor& f, Part& part);
+  void scatter(int panel, Range left, Range right, const MatX& product);
   void addProducts(int panel, Range reach, const Eigen::Ref<const MatX>& half, MatX& product);
   void multiply(const PanelFactor& panels, Tile& tile);
   void unsort(MatX& out) const;
