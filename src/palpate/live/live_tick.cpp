@@ -239,6 +239,13 @@ void LiveTick::yieldWhereRigid(const LiveModel& model, double dt) noexcept {
 
 void LiveTick::replay(const LiveModel& model, double dt, const Vec3& gravity, const PathPoint& from,
                       const PathPoint& to, LiveState& state) noexcept {
+  replay_known_ = false;
+  replayNext(model, dt, gravity, from, to, state);
+}
+
+// How contacts give way does not change along the path but by the shape's second order.
+void LiveTick::replayNext(const LiveModel& model, double dt, const Vec3& gravity, const PathPoint& from,
+                          const PathPoint& to, LiveState& state) noexcept {
   const int r = model.modes();
   const double share = filterShare(model, dt);
   const Mat3 rotation = from.pose.matrix(), rt = rotation.transpose();
@@ -264,10 +271,14 @@ void LiveTick::replay(const LiveModel& model, double dt, const Vec3& gravity, co
       contacts_.free.segment<3>(3 * i) += moved + turned * place_.segment<3>(3 * i);
     }
     if (contacts_.any()) {
-      const BoundedMatrix<LiveSize::kRows, LiveSize::kModes> scaled = shape_ * (dt * inverse_).cwiseSqrt().asDiagonal();
-      contacts_.compliance = share * model.compliance;
-      addGram(1.0, scaled, contacts_.compliance);
-      yieldWhereRigid(model, dt);
+      if (!replay_known_) {
+        const BoundedMatrix<LiveSize::kRows, LiveSize::kModes> scaled =
+            shape_ * (dt * inverse_).cwiseSqrt().asDiagonal();
+        contacts_.compliance = share * model.compliance;
+        addGram(1.0, scaled, contacts_.compliance);
+        yieldWhereRigid(model, dt);
+        replay_known_ = model.second == 0;
+      }
       sweep(contacts_, kSweeps, state.contact_force);
       ModalVector push = ModalVector::Zero(r);
       addTransposed(1.0, shape_, state.contact_force.data(), push.data());
@@ -284,9 +295,10 @@ void LiveTick::replay(const LiveModel& model, double dt, const Vec3& gravity, co
 
 bool LiveTick::replayTo(std::int64_t index, int most, const LiveModel& model, double dt, const Vec3& gravity,
                         const HandlePath& path, LiveState& state) noexcept {
+  replay_known_ = false;
   for (int k = 0; k < most && state.index < index; ++k) {
     if (!path.holds(state.index) || !path.holds(state.index + 1)) return false;
-    replay(model, dt, gravity, path[state.index], path[state.index + 1], state);
+    replayNext(model, dt, gravity, path[state.index], path[state.index + 1], state);
   }
   return true;
 }

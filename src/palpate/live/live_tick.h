@@ -42,6 +42,8 @@ class LiveTick {
                  LiveState& state) noexcept;
 
  private:
+  void replayNext(const LiveModel& model, double dt, const Vec3& gravity, const PathPoint& from, const PathPoint& to,
+                  LiveState& state) noexcept;
   void factorHandle(const LiveModel& model, const LiveTickInput& input) noexcept;
   void placeContacts(const LiveModel& model, const LiveState& state, const Pose& pose, double dt) noexcept;
   void yieldWhereRigid(const LiveModel& model, double dt) noexcept;
@@ -53,6 +55,7 @@ class LiveTick {
   TickRows jacobian_;
   BoundedMatrix<LiveSize::kRows, LiveSize::kModes> shape_;  // Qc + Pc z
   TickContacts contacts_;
+  bool replay_known_ = false;  // the compliance in contacts_ is that of the replay under way
 };
 
 /// Energy of a model in a state [J]: kinetic, elastic, weight; for the account at a change of models.
