@@ -127,9 +127,8 @@ TEST_P(SparseCholeskyOf, SolvesAndGivesTheTrailingFactor) {
 
   // columns on one to five nodes, also one of no node and one twice on the same; in one part, in two and in several
   std::mt19937 random(13);
-  for (const int count : {5, 25, 130}) {
+  const auto sparseColumns = [&random, size = size](int count) {
     BlockColumns columns;
-    MatX acting = MatX::Zero(3 * size, 3 * count);
     for (int c = 0; c < count; ++c) {
       for (int k = 0; k < (c == 3 ? 0 : 1 + c % 5); ++k) {
         const MatX block = randomColumns(3, 3, static_cast<std::uint32_t>(100 + 5 * c + k));
@@ -137,9 +136,20 @@ TEST_P(SparseCholeskyOf, SolvesAndGivesTheTrailingFactor) {
         if (c == 4 && k == 0) columns.add(columns.node.back(), block);
       }
       columns.close();
+    }
+    return columns;
+  };
+  const auto whole = [size = size](const BlockColumns& columns) {
+    MatX acting = MatX::Zero(3 * size, 3 * columns.size());
+    for (int c = 0; c < columns.size(); ++c) {
       for (int k = columns.begin[c]; k < columns.begin[c + 1]; ++k)
         acting.block<3, 3>(3 * columns.node[k], 3 * c) += columns.block[k];
     }
+    return acting;
+  };
+  for (const int count : {5, 25, 130}) {
+    const BlockColumns columns = sparseColumns(count);
+    const MatX acting = whole(columns);
     MatX gram, again;
     cholesky.gram(columns, gram);
     ASSERT_EQ(gram.rows(), 3 * count);
@@ -148,6 +158,18 @@ TEST_P(SparseCholeskyOf, SolvesAndGivesTheTrailingFactor) {
     cholesky.gram(columns, again);
     EXPECT_EQ(MatX((again - gram).triangularView<Eigen::Lower>()).norm(), 0.0) << count << " contacts";
   }
+  // chunks of right columns of each width, and what was left of larger ones
+  for (const auto& [left_count, right_count] : std::vector<std::pair<int, int>>{{40, 11}, {4, 16}, {9, 1}, {3, 2}}) {
+    const BlockColumns left = sparseColumns(left_count), right = sparseColumns(right_count);
+    MatX out;
+    cholesky.between(left, right, out);
+    EXPECT_LT(relativeError(out, whole(left).transpose() * reference.solve(whole(right))), 1e-10)
+        << left_count << " by " << right_count;
+  }
+  MatX none;
+  cholesky.between(BlockColumns{}, sparseColumns(2), none);
+  EXPECT_EQ(none.rows(), 0);
+  EXPECT_EQ(none.cols(), 6);
 
   // E_c: the last nodes' columns of the identity, in their order
   MatX e = MatX::Zero(3 * size, 3 * last_count);

@@ -394,8 +394,9 @@ void PanelFactor::forward(const double* values, double* x, int begin, std::span<
 }
 
 template <int W>
-void PanelFactor::backward(const double* values, double* x) const {
+void PanelFactor::backward(const double* values, double* x, std::span<const char> active) const {
   for (std::size_t s = panels_.size(); s-- > 0;) {
+    if (!active.empty() && !active[s]) continue;
     const Panel& panel = panels_[s];
     const std::size_t stride = static_cast<std::size_t>(panel.stride);
     const double* inverse = inverse_diagonal_.data() + 3 * panel.first;
@@ -563,9 +564,11 @@ void PanelFactor::backwardOf(const double* values, int index, Room& room, double
 }
 
 template <>
-void PanelFactor::backward<1>(const double* values, double* x) const {
-  if (!inParts()) {
-    for (int s = static_cast<int>(panels_.size()); s-- > 0;) backwardOf(values, s, rooms_.front(), x);
+void PanelFactor::backward<1>(const double* values, double* x, std::span<const char> active) const {
+  if (!active.empty() || !inParts()) {
+    for (int s = static_cast<int>(panels_.size()); s-- > 0;) {
+      if (active.empty() || active[s]) backwardOf(values, s, rooms_.front(), x);
+    }
     return;
   }
   for (std::size_t k = top_.size(); k-- > 0;) backwardOf(values, top_[k], rooms_.front(), x);
@@ -578,8 +581,8 @@ void PanelFactor::backward<1>(const double* values, double* x) const {
 template void PanelFactor::forward<4>(const double*, double*, int, std::span<const char>) const;
 template void PanelFactor::forward<8>(const double*, double*, int, std::span<const char>) const;
 template void PanelFactor::forward<16>(const double*, double*, int, std::span<const char>) const;
-template void PanelFactor::backward<4>(const double*, double*) const;
-template void PanelFactor::backward<8>(const double*, double*) const;
-template void PanelFactor::backward<16>(const double*, double*) const;
+template void PanelFactor::backward<4>(const double*, double*, std::span<const char>) const;
+template void PanelFactor::backward<8>(const double*, double*, std::span<const char>) const;
+template void PanelFactor::backward<16>(const double*, double*, std::span<const char>) const;
 
 }  // namespace palpate

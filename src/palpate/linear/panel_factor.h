@@ -34,13 +34,13 @@ class PanelFactor {
   bool invertDiagonal(const double* values);
 
   /// x <- L^-1 x and x <- L^-T x from panel `begin` on (forward), or down to panel 0 (backward), on a row-major block
-  /// of W right-hand sides [3 nodes x W], W one of 1, 4, 8 and 16. `active` (forward only): panels to visit, all if
-  /// empty. With one right-hand side, panels of a large factor that planUpdates() has dealt out are visited part by
-  /// part, which parallelFor() runs; the result does not depend on threads.
+  /// of W right-hand sides [3 nodes x W], W one of 1, 4, 8 and 16. `active`: panels to visit, all if empty. With one
+  /// right-hand side, panels of a large factor that planUpdates() has dealt out are visited part by part, which
+  /// parallelFor() runs; the result does not depend on threads.
   template <int W>
   void forward(const double* values, double* x, int begin, std::span<const char> active = {}) const;
   template <int W>
-  void backward(const double* values, double* x) const;
+  void backward(const double* values, double* x, std::span<const char> active = {}) const;
 
   const std::vector<Panel>& panels() const { return panels_; }
   const std::vector<int>& rows() const { return rows_; }

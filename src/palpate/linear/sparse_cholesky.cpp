@@ -135,6 +135,10 @@ struct SparseCholesky::Impl {
   void scatterBack(Eigen::Ref<MatX> to, Eigen::Index column, Eigen::Index count, bool permuted,
                    const double* from) const;
   void markActive(Eigen::Index width);
+  void markWays(const BlockColumns& columns, std::vector<char>& on_way) const;
+  template <int W>
+  void between(const BlockColumns& left, const BlockColumns& right, Eigen::Index column, Eigen::Index count, double* x,
+               MatX& out) const;
   Eigen::Index chunkFor(Eigen::Index columns) const;
 
   cholmod_common common;
@@ -159,6 +163,8 @@ struct SparseCholesky::Impl {
   MatX trailing;
   std::vector<double> work;  // row-major right-hand sides in the order of the factor, a chunk or several
   std::vector<char> active;
+  std::vector<double> between_work;  // of between(), which may run beside other solves
+  std::vector<char> left_way, right_way;
   Statistics statistics;
 };
 
@@ -480,6 +486,67 @@ void SparseCholesky::gram(const BlockColumns& columns, MatX& out) {
   Impl& m = *impl_;
   out.resize(3 * columns.size(), 3 * columns.size());
   m.gram.compute(m.panels, m.factor, m.position, columns, out);
+}
+
+// Panels on the ways from the columns' nodes to the root.
+void SparseCholesky::Impl::markWays(const BlockColumns& columns, std::vector<char>& on_way) const {
+  on_way.assign(panels.panels().size(), 0);
+  for (const int node : columns.node) {
+    for (int s = panels.panelOf(position[node]); s >= 0 && !on_way[s]; s = panels.parent(s)) on_way[s] = 1;
+  }
+}
+
+// Some of the right columns, in W wide room.
+template <int W>
+void SparseCholesky::Impl::between(const BlockColumns& left, const BlockColumns& right, Eigen::Index column,
+                                   Eigen::Index count, double* x, MatX& out) const {
+  for (std::size_t s = 0; s < left_way.size(); ++s) {
+    if (!left_way[s] && !right_way[s]) continue;
+    const PanelFactor::Panel& panel = panels.panels()[s];
+    std::fill_n(x + static_cast<std::size_t>(3 * panel.first) * W, static_cast<std::size_t>(3 * panel.columns) * W,
+                0.0);
+  }
+  const auto rowOf = [&](int node) { return x + static_cast<std::size_t>(3 * position[node]) * W; };
+  for (Eigen::Index c = 0; c < count; ++c) {
+    const Eigen::Index triple = (column + c) / 3, own = (column + c) % 3;
+    for (int k = right.begin[triple]; k < right.begin[triple + 1]; ++k) {
+      double* to = rowOf(right.node[k]) + c;
+      for (int i = 0; i < 3; ++i) to[i * W] += right.block[k](i, own);
+    }
+  }
+  panels.forward<W>(factor, x, 0, right_way);
+  panels.backward<W>(factor, x, left_way);
+  using Rows = Eigen::Map<const Eigen::Matrix<double, 3, W, Eigen::RowMajor>>;
+  for (int l = 0; l < left.size(); ++l) {
+    Eigen::Matrix<double, 3, W> sum = Eigen::Matrix<double, 3, W>::Zero();
+    for (int k = left.begin[l]; k < left.begin[l + 1]; ++k) {
+      sum.noalias() += left.block[k].transpose() * Rows(rowOf(left.node[k]));
+    }
+    out.block(3 * l, column, 3, count) = sum.leftCols(count);
+  }
+}
+
+void SparseCholesky::between(const BlockColumns& left, const BlockColumns& right, MatX& out) {
+  Impl& m = *impl_;
+  out.resize(3 * left.size(), 3 * right.size());
+  if (out.size() == 0) return;
+  m.markWays(left, m.left_way);
+  m.markWays(right, m.right_way);
+  const Eigen::Index columns = out.cols(), chunks = (columns + Impl::kChunk - 1) / Impl::kChunk;
+  const std::size_t size = 3 * m.order.size() * static_cast<std::size_t>(Impl::kChunk);
+  m.between_work.resize(std::max(m.between_work.size(), static_cast<std::size_t>(chunks) * size));
+  parallelFor(static_cast<int>(chunks), [&](int k) {
+    double* const x = m.between_work.data() + static_cast<std::size_t>(k) * size;
+    const Eigen::Index begin = k * Impl::kChunk, count = std::min(columns - begin, Impl::kChunk);
+    // not those of width one: they have room for one thread
+    if (count > 8) {
+      m.between<16>(left, right, begin, count, x, out);
+    } else if (count > 4) {
+      m.between<8>(left, right, begin, count, x, out);
+    } else {
+      m.between<4>(left, right, begin, count, x, out);
+    }
+  });
 }
 
 double SparseCholesky::gramOperations(std::span<const int> nodes) {

@@ -17,8 +17,9 @@ namespace palpate {
 ///
 /// CHOLMOD finds the ordering and the supernodes; its numeric factorization does the work for large problems, an own
 /// one, which spares its overhead, for small ones (docs/sparse-factorization.md). An object must not be used by two
-/// threads at once, but for gram() beside solve(). The results are the same to the bit on every run on one machine.
-/// After analyze() and the first call of each kind, nothing here allocates, except that CHOLMOD's factorization may.
+/// threads at once, but for solve(), gram() and between(), one of each. The results are the same to the bit on every
+/// run on one machine. After analyze() and the first call of each kind, nothing here allocates, except that CHOLMOD's
+/// factorization may.
 class SparseCholesky {
  public:
   /// Which code does the numeric factorization; `automatic` chooses by the number of operations.
@@ -71,6 +72,9 @@ class SparseCholesky {
   /// gets the size [3 columns.size()] square, its upper triangle is left undefined. For rows on the last nodes
   /// trailing() is the faster way; this one needs no nodes ordered last, and so spares their fill.
   void gram(const BlockColumns& columns, MatX& out);
+  /// `out` = Q^T A^-1 R [3 left.size() x 3 right.size()] for columns Q (left) and R (right) that act on few nodes each,
+  /// in the caller's node order. Visits only what lies on these nodes' ways to the root of the elimination tree.
+  void between(const BlockColumns& left, const BlockColumns& right, MatX& out);
   /// Operations that gram() takes for one contact, three columns, on each of the given nodes.
   double gramOperations(std::span<const int> nodes);
 
