@@ -499,6 +499,25 @@ TEST(PartnerCompliance, RowsOfTheStepAreThoseThatHold) {
     const std::vector<NodeSum> sums{{0, {{nodes[0], 0.7}, {nodes[1], 0.3}}}, {3, {{nodes[5], 1.0}}}};
     MatX taken = MatX::Zero(6, 6), anew = MatX::Zero(6, 6);
     reducePartner(world, 1, {sums, {}, nullptr, nullptr, 0}, taken);
+
+    // what is begun before it is known where it is touched is the same, with another number of modes as well
+    const PartnerInput input{sums, {}, nullptr, nullptr, 4};
+    MatX whole = MatX::Zero(6, 6);
+    const PartnerModes modes = reducePartner(world, 1, input, whole);
+    ASSERT_TRUE(PartnerReduction::worthBeginning(world, 1));
+    for (const int begun_modes : {4, 3}) {
+      for (const bool touched : {false, true}) {
+        PartnerReduction begun(world, 1, false);
+        begun.hold(nullptr, begun_modes);
+        if (touched) begun.touch(sums);
+        MatX w = MatX::Zero(6, 6);
+        const PartnerModes same = reducePartner(world, 1, input, w, &begun);
+        EXPECT_EQ(w, whole) << speed << ' ' << begun_modes << ' ' << touched;
+        EXPECT_EQ(same.squared_frequency, modes.squared_frequency);
+        EXPECT_EQ(same.shape, modes.shape);
+        EXPECT_EQ(same.force, modes.force);
+      }
+    }
     world.takeContacts();
     ASSERT_EQ(world.bodyRows(1), nullptr);
     reducePartner(world, 1, {sums, {}, nullptr, nullptr, 0}, anew);

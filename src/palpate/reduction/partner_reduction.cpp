@@ -74,18 +74,8 @@ MatX loadsOf(const BodySystem& system, const std::vector<NodeSum>& sums) {
   return columns;
 }
 
-// J A^-1 J^T over sums of nodes.
-MatX gramOf(BodySystem& system, const std::vector<NodeSum>& sums) {
-  const MatX columns = loadsOf(system, sums);
-  MatX half = columns;
-  solve(system, half);
-  const MatX out = columns.transpose() * half;
-  return 0.5 * (out + out.transpose());
-}
-
-// The same of many sums: by half of the solve, and of columns with little in them. Lower triangle.
-MatX lowerGram(BodySystem& system, const std::vector<NodeSum>& sums) {
-  if (system.model().framed()) return gramOf(system, sums);
+// J^T of sums, of a body without a frame.
+BlockColumns columnsOf(const BodySystem& system, const std::vector<NodeSum>& sums) {
   BlockColumns columns;
   for (const NodeSum& sum : sums) {
     for (const auto& [node, weight] : sum.nodes) {
@@ -94,8 +84,33 @@ MatX lowerGram(BodySystem& system, const std::vector<NodeSum>& sums) {
     }
     columns.close();
   }
+  return columns;
+}
+
+// Q A^-1 J^T, Q of all sums of nodes and J of some.
+MatX between(BodySystem& system, const std::vector<NodeSum>& all, const std::vector<NodeSum>& some) {
   MatX out;
-  system.factor().gram(columns, out);
+  if (!system.model().framed()) {
+    system.factor().between(columnsOf(system, all), columnsOf(system, some), out);
+    return out;
+  }
+  MatX columns = loadsOf(system, some);
+  solve(system, columns);
+  out.resize(static_cast<Eigen::Index>(3 * all.size()), columns.cols());
+  for (std::size_t k = 0; k < all.size(); ++k) {
+    out.middleRows<3>(static_cast<Eigen::Index>(3 * k)) = applied(system, all[k], columns);
+  }
+  return out;
+}
+
+// J A^-1 J^T over sums of nodes, lower triangle: by half of a solve, where there are no other rows.
+MatX lowerGram(BodySystem& system, const std::vector<NodeSum>& sums) {
+  if (system.model().framed()) {
+    const MatX out = between(system, sums, sums);
+    return 0.5 * (out + out.transpose());
+  }
+  MatX out;
+  system.factor().gram(columnsOf(system, sums), out);
   return out;
 }
 
@@ -248,29 +263,53 @@ std::vector<Eigen::Index> rowsInStep(const BodyContactRows& step, const std::vec
 // Of one body. What it rests on is tied: for those rows C, A^-1 becomes A^-1 - U S^-1 U^T, U = A^-1 C^T, S = C U.
 class Rested {
  public:
-  Rested(World& world, int body, const PartnerInput& input)
-      : world_(world), body_(body), sums_(input.sums), ties_(tiesOf(world, {body}, input.supports != nullptr)) {
+  Rested(World& world, int body, bool supported)
+      : world_(world), body_(body), ties_(tiesOf(world, {body}, supported)), rows_(rowsOf(ties_)) {
     for (const Tie& t : ties_) holds_.push_back(nodesOf(*t.contact, body));
-    const auto own = static_cast<Eigen::Index>(3 * sums_.size());
-    const MatX gram = wholeGram();
-    gram_ = gram.topLeftCorner(own, own).selfadjointView<Eigen::Lower>();
+  }
+
+  // S, and the friction of what slides, which goes on.
+  void tie() {
     rub_ = VecX::Zero(unknowns(system().model()));
-    const Eigen::Index held = gram.rows() - own;
-    if (held == 0) return;
-    // friction of what slides goes on
     for (std::size_t k = 0; k < ties_.size(); ++k) {
       if (!ties_[k].slides) continue;
       const Vec3& n = ties_[k].contact->normal;
       addLoads(system(), holds_[k], Vec3(ties_[k].force - n.dot(ties_[k].force) * n), rub_);
     }
-    factor_ = gram.bottomRightCorner(held, held);
+    if (rows_ == 0) return;
+    factor_ = heldGram();
     shiftDiagonal(factor_);
     tied_ = choleskyInPlace(factor_);
+  }
+  // J A^-1 J^T and C A^-1 J^T; may run beside tie() and what follows it, up to meet().
+  void touch(const std::vector<NodeSum>& sums) {
+    sums_ = sums;
+    const auto own = static_cast<Eigen::Index>(3 * sums.size());
+    if (ties_.empty()) {
+      gram_ = lowerGram(system(), sums).selfadjointView<Eigen::Lower>();
+      half_.resize(0, own);
+      return;
+    }
+    std::vector<NodeSum> all = sums;
+    all.insert(all.end(), holds_.begin(), holds_.end());
+    const MatX whole = between(system(), all, sums);
+    gram_ = whole.topRows(own).selfadjointView<Eigen::Lower>();
+    half_.resize(rows_, own);
+    Eigen::Index at = 0;
+    for (std::size_t k = 0; k < ties_.size(); ++k) {
+      const Eigen::Index rows = ties_[k].rows();
+      half_.middleRows(at, rows) =
+          ties_[k].axes().transpose() * whole.middleRows<3>(own + static_cast<Eigen::Index>(3 * k));
+      at += rows;
+    }
+  }
+  // The sums' rows with what holds the body.
+  void meet() {
     if (!tied_) return;
-    half_ = gram.bottomLeftCorner(held, own);
     factor_.triangularView<Eigen::Lower>().solveInPlace(half_);
     gram_ -= half_.transpose() * half_;
   }
+
   const VecX& rub() const { return rub_; }
   BodySystem& system() const { return world_.body(body_).system; }
   const MatX& gram() const { return gram_; }  ///< J A^-1 J^T
@@ -327,31 +366,18 @@ class Rested {
   }
 
  private:
-  // Of the sums' rows and those that hold; lower triangle. Where many hold it, what the step's Delassus operator has of
-  // them is taken, and only the sums' own columns are solved for.
-  MatX wholeGram() const {
-    const auto own = static_cast<Eigen::Index>(3 * sums_.size());
-    const BodyContactRows* step = ties_.size() > sums_.size() ? world_.bodyRows(body_) : nullptr;
-    std::vector<Eigen::Index> in_step;
-    if (step != nullptr) in_step = rowsInStep(*step, world_.contacts().contacts, ties_);
-    if (in_step.empty()) {
-      std::vector<NodeSum> rows = sums_;
-      rows.insert(rows.end(), holds_.begin(), holds_.end());
-      return holding(lowerGram(system(), rows), own, ties_);
+  // S, lower triangle; what the step's Delassus operator has of it is taken.
+  MatX heldGram() const {
+    if (const BodyContactRows* step = world_.bodyRows(body_)) {
+      const std::vector<Eigen::Index> in_step = rowsInStep(*step, world_.contacts().contacts, ties_);
+      if (!in_step.empty()) return step->delassus(in_step, in_step);
     }
-    MatX columns = loadsOf(system(), sums_);
-    solve(system(), columns);
-    const auto held = static_cast<Eigen::Index>(in_step.size());
-    MatX out(own + held, own + held);
-    out.topLeftCorner(own, own) = moved(columns);
-    out.bottomLeftCorner(held, own) = movedTies(columns);
-    out.bottomRightCorner(held, held) = step->delassus(in_step, in_step);
-    return out;
+    return holding(lowerGram(system(), holds_), 0, ties_);
   }
 
   // C times columns.
   MatX movedTies(const MatX& columns) const {
-    MatX out(rowsOf(ties_), columns.cols());
+    MatX out(rows_, columns.cols());
     Eigen::Index at = 0;
     for (std::size_t k = 0; k < ties_.size(); ++k) {
       out.middleRows(at, ties_[k].rows()) = ties_[k].axes().transpose() * applied(system(), holds_[k], columns);
@@ -362,11 +388,12 @@ class Rested {
 
   World& world_;
   int body_;
-  const std::vector<NodeSum>& sums_;
+  std::vector<NodeSum> sums_;
   std::vector<Tie> ties_;
+  Eigen::Index rows_;           // of C
   std::vector<NodeSum> holds_;  // the body's side of the ties
   VecX rub_;                    // loads
-  MatX gram_, half_, factor_;   // J A^-1 J^T, L^-1 C A^-1 J^T, L of S
+  MatX gram_, half_, factor_;   // J A^-1 J^T, C A^-1 J^T and then L^-1 of it, L of S
   bool tied_ = false;
 };
 
@@ -475,15 +502,23 @@ void addSprings(const BodyModel& model, const MatX& shapes, double h, double e, 
   }
 }
 
-// The body's modes; takes their part off W.
-PartnerModes takeModes(World& world, int body, const Rested& rested, const PartnerInput& input, MatX& w) {
+// The body's modes, with what holds it.
+Modes modesOf(const Rested& rested, const MatX* start, int count) {
+  const BodySystem& system = rested.system();
+  const BodyModel& model = system.model();
+  if (count <= 0 || (model.framed() && !model.isRigid())) return {MatX(unknowns(model), 0), VecX(0)};
+  return modesOf(rested, start, count, model.elasticity().material().massScale(system.input().step),
+                 system.stiffnessScale());
+}
+
+// They are part of its answer to the sums; takes their part off W.
+PartnerModes takeModes(World& world, int body, const Rested& rested, const Modes& modes, const PartnerInput& input,
+                       MatX& w) {
   const BodySystem& system = rested.system();
   const BodyModel& model = system.model();
   PartnerModes out;
-  if (input.modes <= 0 || (model.framed() && !model.isRigid())) return out;
   const Material& material = model.elasticity().material();
   const double s = material.massScale(system.input().step), e = system.stiffnessScale();
-  const Modes modes = modesOf(rested, input.start, input.modes, s, e);
   const Eigen::Index r = modes.shapes.cols();
   if (r == 0) return out;
   const PartnerMotion motion = motionOf(world, body, input.correction);
@@ -570,18 +605,67 @@ void forcesOfPartner(World& world, int body, const BodyCorrection* correction) {
   if (!partner.model.isRigid()) partner.system.forcesAhead(placesOf(partner, correction), partner.state);
 }
 
-PartnerModes reducePartner(World& world, int body, const PartnerInput& input, MatX& out) {
+struct PartnerReduction::Impl {
+  World& world;
+  int body;
+  Rested rested;
+  bool tied = false, touched = false;
+  int count = -1;  // of modes that were asked for, -1: they are not known
+  Modes modes{};
+
+  void tie() {
+    if (!tied) rested.tie();
+    tied = true;
+  }
+};
+
+PartnerReduction::PartnerReduction(World& world, int body, bool supported)
+    : impl_(std::make_unique<Impl>(Impl{world, body, {world, body, supported}})) {}
+PartnerReduction::~PartnerReduction() = default;
+PartnerReduction::PartnerReduction(PartnerReduction&&) noexcept = default;
+PartnerReduction& PartnerReduction::operator=(PartnerReduction&&) noexcept = default;
+
+int PartnerReduction::body() const { return impl_->body; }
+
+bool PartnerReduction::worthBeginning(const World& world, int body) {
+  const BodyModel& model = world.body(body).model;
+  return !model.framed() && model.freeNodes() > 0 &&
+         gluedTo(world.state().contacts.loaded, body, world.toolIndex()).size() == 1;
+}
+
+void PartnerReduction::hold(const MatX* start, int modes) {
+  impl_->tie();
+  impl_->modes = modesOf(impl_->rested, start, modes);
+  impl_->count = modes;
+}
+
+void PartnerReduction::touch(const std::vector<NodeSum>& sums) {
+  impl_->rested.touch(sums);
+  impl_->touched = true;
+}
+
+PartnerModes PartnerReduction::finish(const PartnerInput& input, MatX& own) {
+  if (impl_->count != input.modes) hold(input.start, input.modes);
+  if (!impl_->touched) touch(input.sums);
+  Rested& rested = impl_->rested;
+  rested.meet();
+  own = rested.gram() * rested.system().stiffnessScale();
+  PartnerModes modes = takeModes(impl_->world, impl_->body, rested, impl_->modes, input, own);
+  if (input.supports != nullptr) modes.bearing = rested.bearing(*input.supports);
+  return modes;
+}
+
+PartnerModes reducePartner(World& world, int body, const PartnerInput& input, MatX& out, PartnerReduction* begun) {
   // impulse to velocity becomes force to displacement: in a step dx = h dv, dlambda = h df, and c = h (h + beta)
   const std::vector<int> together = gluedTo(world.state().contacts.loaded, body, world.toolIndex());
   PartnerModes modes;
   MatX own;
   if (together.size() > 1) {
     own = gluedCompliance(world, together, input.sums);
+  } else if (begun != nullptr) {
+    modes = begun->finish(input, own);
   } else {
-    const Rested rested(world, body, input);
-    own = rested.gram() * rested.system().stiffnessScale();
-    modes = takeModes(world, body, rested, input, own);
-    if (input.supports != nullptr) modes.bearing = rested.bearing(*input.supports);
+    modes = PartnerReduction(world, body, input.supports != nullptr).finish(input, own);
   }
   for (std::size_t i = 0; i < input.sums.size(); ++i) {
     for (std::size_t j = 0; j < input.sums.size(); ++j) {

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <memory>
 #include <vector>
 
 #include "palpate/contact/contact.h"
@@ -58,11 +59,40 @@ struct PartnerInput {
 /// Elastic forces of a body as a correction moves it, which its reduction and its next step ask for; they are kept.
 void forcesOfPartner(World& world, int body, const BodyCorrection* correction);
 
+/// A body that the tool touches, on the way to its PartnerModes. What asks nothing of where it is touched can be made
+/// before that is known: hold() and touch() may run at the same time.
+class PartnerReduction {
+ public:
+  /// What else holds it.
+  /// @param supported  its supports have the friction, see PartnerSupport
+  PartnerReduction(World& world, int body, bool supported);
+  ~PartnerReduction();
+  PartnerReduction(PartnerReduction&&) noexcept;
+  PartnerReduction& operator=(PartnerReduction&&) noexcept;
+  int body() const;
+  /// Whether to begin with a body before it is known where it is touched: one of free nodes alone.
+  static bool worthBeginning(const World& world, int body);
+
+  /// Its modes, held.
+  void hold(const MatX* start, int modes);
+  /// What it gives way at the sums.
+  void touch(const std::vector<NodeSum>& sums);
+  /// All of it, as far as that is not made yet; at most once.
+  /// @param own  gets W of the sums [m/N]
+  PartnerModes finish(const PartnerInput& input, MatX& own);
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
 /// How much another body gives way at the given places over a visual step, W = h' J A^-1 J^T with the factor of its
 /// last step, without what its modes give [m/N]. What else it rests on holds it: its loaded contacts with others than
 /// the tool are tied, by their normals alone where its supports have the friction. Bodies that are glued to it yield
 /// with it.
-/// @param out  is added to, [3 m x 3 m], world frame
-PartnerModes reducePartner(World& world, int body, const PartnerInput& input, MatX& out);
+/// @param out    is added to, [3 m x 3 m], world frame
+/// @param begun  of this body, with the same sums if it knows them; null: nothing is made yet
+PartnerModes reducePartner(World& world, int body, const PartnerInput& input, MatX& out,
+                           PartnerReduction* begun = nullptr);
 
 }  // namespace palpate

@@ -293,6 +293,29 @@ std::vector<BodySupport> supportsOfTouched(const World& world, const std::vector
 
 }  // namespace
 
+// What the tool touched it mostly touches still.
+void ToolReduction::beginPartners(World& world, const std::vector<PartnerBasis>& partners) {
+  begun_.clear();
+  for (const PartnerBasis& p : partners) {
+    if (PartnerReduction::worthBeginning(world, p.body)) begun_.emplace_back(world, p.body, false);
+  }
+}
+
+PartnerReduction* ToolReduction::begunPartner(int body) {
+  const auto at = std::find_if(begun_.begin(), begun_.end(), [&](const auto& p) { return p.body() == body; });
+  return at == begun_.end() ? nullptr : &*at;
+}
+
+// With as many modes as each gets where all of them are touched, and nothing else.
+void ToolReduction::holdPartners(const LiveSettings& settings, const std::vector<PartnerBasis>& partners) {
+  for (const PartnerBasis& p : partners) {
+    PartnerReduction* begun = begunPartner(p.body);
+    if (begun == nullptr) continue;
+    begun->hold(&p.modes,
+                std::min(settings.partner_modes, LiveSize::kPartnerModes / static_cast<int>(partners.size())));
+  }
+}
+
 // What the touched bodies give way, in the world's frame, and their lowest modes.
 void ToolReduction::addPartners(World& world, const LiveSettings& settings, const Input& input, LiveBasis& basis,
                                 LiveModel& model, MatX& others) {
@@ -312,7 +335,7 @@ void ToolReduction::addPartners(World& world, const LiveSettings& settings, cons
     for (const PartnerBasis& p : input.partners) {
       if (p.body == b) partner.start = &p.modes;
     }
-    PartnerModes modes = reducePartner(world, b, partner, others);
+    PartnerModes modes = reducePartner(world, b, partner, others, begunPartner(b));
     for (std::size_t s = 0; s < supports.size(); ++s) {
       const int row = own[own.size() - supports.size() + s].row / 3 - (model.contacts - model.supports);
       for (std::size_t k = 0; k < own.size(); ++k) {
@@ -587,12 +610,17 @@ LiveModel ToolReduction::reduce(World& world, const LiveSettings& settings, cons
   const FrictionCone& cone = world.contact.cone;
   model.facets = cone.exact || cone.facets > LiveModel::kFacets ? 0 : cone.facets;
   positions_ = allPlaces(tool, input.shape);
+  beginPartners(world, input.partners);
   Milestone factored;
   Aside placing([&] {
     placeContacts(world, settings, input, model);  // surfaces know nothing of the tool's system
     if (!factored.await()) return;
     gram_.setZero(3 * model.contacts, 3 * model.contacts);
     if (model.contacts > 0 && tool.model.freeNodes() > 0) factor_->gram(columns_, gram_);
+    for (PartnerReduction& p : begun_) {
+      const std::vector<NodeSum>& sums = touched_[static_cast<std::size_t>(p.body())].sums;
+      if (!sums.empty()) p.touch(sums);
+    }
   });
   const bool ready = factored.reachBy([&] { return factorize(world, settings, input, model); });
   if (ready) {
@@ -604,6 +632,7 @@ LiveModel ToolReduction::reduce(World& world, const LiveSettings& settings, cons
     // those of what it touched are asked for now or by the next step
     for (const PartnerBasis& p : input.partners)
       forcesOfPartner(world, p.body, correctionOf(input.corrections, p.body));
+    holdPartners(settings, input.partners);
   }
   placing.wait();
   if (!ready) {
@@ -612,6 +641,7 @@ LiveModel ToolReduction::reduce(World& world, const LiveSettings& settings, cons
   }
   if (model.contacts == 0) model.second = 0;
   addCompliance(world, settings, input, basis, model);
+  begun_.clear();  // what it knows of the world does not outlive a step
   addCurvature(world, basis, model);
   touches_ = model.contacts > 0;
   return model;

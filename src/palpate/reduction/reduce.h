@@ -63,6 +63,9 @@ class ToolReduction {
   bool factorize(World& world, const LiveSettings& settings, const Input& input, LiveModel& model);
   void findToolModes(const Input& input, int most, LiveBasis& basis, LiveModel& model);
   void addInertia(const World& world, const Input& input, const LiveBasis& basis, LiveModel& model);
+  void beginPartners(World& world, const std::vector<PartnerBasis>& partners);
+  void holdPartners(const LiveSettings& settings, const std::vector<PartnerBasis>& partners);
+  PartnerReduction* begunPartner(int body);
   void addCompliance(World& world, const LiveSettings& settings, const Input& input, LiveBasis& basis,
                      LiveModel& model);
   void addPartners(World& world, const LiveSettings& settings, const Input& input, LiveBasis& basis, LiveModel& model,
@@ -80,12 +83,13 @@ class ToolReduction {
   VecX forces_;     // elastic, handle's frame, all nodes
   MatX second_;     // differences of the elastic forces
   NearContacts near_;
-  BlockColumns columns_;              // J^T, handle's frame, by the free nodes that it acts on
-  MatX gram_;                         // J A_H^-1 J^T, lower triangle
-  VecX loads_;                        // of contact as it is, free rows
-  RowVector merged_;                  // the same as the model has it
-  std::vector<TouchedBody> touched_;  // of each body
-  bool touches_ = true;               // the last model had contacts
+  BlockColumns columns_;                 // J^T, handle's frame, by the free nodes that it acts on
+  MatX gram_;                            // J A_H^-1 J^T, lower triangle
+  VecX loads_;                           // of contact as it is, free rows
+  RowVector merged_;                     // the same as the model has it
+  std::vector<TouchedBody> touched_;     // of each body
+  std::vector<PartnerReduction> begun_;  // of those that the last model touched
+  bool touches_ = true;                  // the last model had contacts
   ReductionTimes times_;
 };
 
