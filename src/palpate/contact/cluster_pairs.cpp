@@ -203,7 +203,7 @@ void SurfacePairFinder::testTriangles(PairSearch& s, const Local& a, Details& da
     if (s.a.ownsCorner(ta, i) && s.meetClosely(da.corner[k], b.box)) testVertexFace(s, true, va[k], ta, tb);
     if (s.b.ownsCorner(tb, i) && s.meetClosely(db.corner[k], a.box)) testVertexFace(s, false, vb[k], tb, ta);
   }
-  const bool no_hits = !s.hitsWithin(apart);
+  const bool no_hits = s.settings.ahead || !s.hitsWithin(apart);  // of hollow edges
   for (int i = 0; i < 3; ++i) {
     const auto k = static_cast<size_t>(i);
     if (!s.a.ownsEdge(ta, i) || !s.meetClosely(da.edge[k], b.box)) continue;

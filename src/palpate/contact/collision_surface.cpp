@@ -267,13 +267,20 @@ Vec3 CollisionSurface::outwardNormal(int triangle, const std::array<double, 3>& 
   return length > 0 ? Vec3(sum / length) : Vec3(Vec3::UnitZ());
 }
 
-void CollisionSurface::fix() {
+void CollisionSurface::findHollow(std::span<const int> carrier) {
   constexpr double kRounding = 1e-10;  // sine of the angle by which one face falls away from the other
   hollow_.clear();
   if (!closed_) return;
+  const auto carrierOf = [&](int v) { return carrier.empty() ? 0 : carrier[static_cast<size_t>(v)]; };
   hollow_.resize(edges_.size());
   for (size_t e = 0; e < edges_.size(); ++e) {
     const auto& [own, other] = edge_triangles_[e];
+    const int with = carrierOf(edges_[e][0]);
+    const auto movesWith = [&](int triangle) {
+      const auto& corners = triangles_[static_cast<size_t>(triangle)];
+      return std::all_of(corners.begin(), corners.end(), [&](int v) { return carrierOf(v) == with; });
+    };
+    if (!movesWith(own) || !movesWith(other)) continue;
     const Vec3 way = inward(static_cast<int>(e), other, 0), normal = areaNormal(own, 0);
     hollow_[e] = way.dot(normal) > -kRounding * way.norm() * normal.norm() ? 1 : 0;  // not where there is no area
   }

@@ -79,8 +79,9 @@ class CollisionSurface {
   /// The same for vertices that follow nodes, with bounds that are known otherwise: places the ends, unless the surface
   /// is sparse, and makes no box before it is asked for.
   void refit(const MotionBounds& bounds);
-  /// From now on the vertices stay where they are: what is true of edges is found once.
-  void fix();
+  /// Finds the edges that stay hollow(), as their faces move as one. Of a closed surface, where it was built.
+  /// @param carrier  of each vertex: what it moves with affinely; none: all with the same, or not at all
+  void findHollow(std::span<const int> carrier = {});
   /// From now on the vertices follow nodes: moveStart() and moveEnd() say where they are. Where a cluster has many
   /// vertices, it is bounded from its nodes, and its vertices are placed when something comes near.
   void follow(EmbeddingMap embedding);
@@ -130,8 +131,8 @@ class CollisionSurface {
   /// Every edge has exactly two triangles, which run along it in opposite directions.
   bool closed() const { return closed_; }
 
-  /// Of a closed surface after fix(): the faces at this edge lie in one plane or rise from each other, so that of no
-  /// line that leaves the solid there the edge is the nearest place.
+  /// As findHollow() found it: the faces at this edge lie in one plane or rise from each other, so that of no line that
+  /// leaves the solid there the edge is the nearest place.
   bool hollow(int edge) const { return !hollow_.empty() && hollow_[static_cast<size_t>(edge)] != 0; }
 
   /// At a time in [0, 1] of the step, between start and end.

@@ -193,10 +193,12 @@ void testEdgeEdge(PairSearch& s, int edge_a, int edge_b) {
 
   FeaturePair pair;
   pair.start_distance = q.distance;
-  const Approach impact = edges.impact(q, travel, s.horizon(q.distance));
   // all that a hollow edge can be is hit
-  if (!impact.reached && (s.onlyHits(q.distance) || s.a.hollow(edge_a) || s.b.hollow(edge_b))) return;
-  pair.hit = impact.reached && !(s.settings.as_now && q.distance < s.reach && edges.standsOut(q, 0));
+  const bool hollow = s.a.hollow(edge_a) || s.b.hollow(edge_b);
+  const bool now = s.settings.as_now && !hollow && q.distance < s.reach && edges.standsOut(q, 0);
+  const Approach impact = now ? Approach{1, false} : edges.impact(q, travel, s.horizon(q.distance));
+  if (!impact.reached && (s.onlyHits(q.distance) || hollow)) return;
+  pair.hit = impact.reached;
   pair.toi = pair.hit ? impact.time : 1;
   const SegmentPair at_end = edges.closest(1);
   pair.end_distance = at_end.distance;

@@ -121,6 +121,7 @@ void SurfaceContacts::addBody(int body, const SimulationMesh& mesh, bool self) {
     for (const double w : p.weights) extension += std::abs(w);
     item.extension = std::max(item.extension, extension);
   }
+  item.surface.findHollow(item.patch);
   item.start.resize(static_cast<Eigen::Index>(3 * mesh.mesh.nodes.size()));
   for (std::size_t n = 0; n < mesh.mesh.nodes.size(); ++n) {
     item.start.segment<3>(static_cast<Eigen::Index>(3 * n)) = mesh.mesh.nodes[n];
@@ -145,7 +146,7 @@ void SurfaceContacts::addObstacle(int obstacle, const Surface& surface) {
   Item item;
   item.obstacle = obstacle;
   item.surface = CollisionSurface(surface);
-  item.surface.fix();
+  item.surface.findHollow();
   items_.push_back(std::move(item));
   pairs_.resize(items_.size() * (items_.size() - 1) / 2);
 }

@@ -88,6 +88,7 @@ class SurfaceContacts {
   void find(const ContactSettings& settings, const FrictionTable& friction, std::vector<Contact>& out, int body = -1);
   /// Of searches from now on: see PairSettings.
   void setAsNow(bool on) { finder_.setAsNow(on); }
+  void setAhead(bool on) { finder_.setAhead(on); }
   static constexpr double kOperations = 2e4;  ///< of a search, for a pair of clusters that meet
   /// What searches from now on may cost together, and what they did [floating-point operations, about].
   void allow(double operations) { finder_.allow(operations / kOperations); }

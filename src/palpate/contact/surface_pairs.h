@@ -30,7 +30,7 @@ struct PairSearch;
 ///   is nearest to an edge or a vertex only if, the other way round, its own surface is not nearer beside it.
 /// - Edge against edge: only where both nearest points are inside the edges and where no face at one of the edges comes
 ///   nearer; nor for two flat regions that face each other, inside which vertices say the same. Hits at an end of an
-///   edge are left to the vertex if that hits too. A hollow edge of a fixed surface is only ever hit.
+///   edge are left to the vertex if that hits too. A hollow edge is only ever hit.
 /// Where the motion is fast it is examined in pieces of time, and after the first piece with a hit nothing that only
 /// comes later is reported.
 class SurfacePairFinder {
@@ -54,6 +54,7 @@ class SurfacePairFinder {
                  const FeaturePair& pair) const;
 
   void setAsNow(bool on) { settings_.as_now = on; }  ///< see PairSettings
+  void setAhead(bool on) { settings_.ahead = on; }   ///< the same
   /// Gives up searches once more pairs of clusters meet, those of all of them from now on counted together: where the
   /// motion is so wild that all may meet all. What was found is then not complete.
   void allow(double clusters) {

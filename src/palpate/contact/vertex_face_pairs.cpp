@@ -212,9 +212,10 @@ void testVertexFace(PairSearch& s, bool vertex_first, int vertex, int owner, int
 
   FeaturePair pair;
   pair.start_distance = q.distance;
-  const Approach impact = faces.impact(vertex, face, q, travel, s.horizon(q.distance));
+  const bool now = s.settings.as_now && q.distance < s.reach && faces.nearest(vertex, face, q, 0);
+  const Approach impact = now ? Approach{1, false} : faces.impact(vertex, face, q, travel, s.horizon(q.distance));
   if (!impact.reached && s.onlyHits(q.distance)) return;
-  pair.hit = impact.reached && !(s.settings.as_now && q.distance < s.reach && faces.nearest(vertex, face, q, 0));
+  pair.hit = impact.reached;
   pair.toi = pair.hit ? impact.time : 1;
   const TrianglePoint at_end = faces.closest(vertex, face, 1);
   pair.end_distance = at_end.distance;

@@ -513,7 +513,9 @@ void World::nearSurfaces(const ToolMotion& tool, double ahead, std::vector<Conta
   surfaces_.allow(kShare * budget.operations);
   const std::size_t first = out.size();
   surfaces_.setAsNow(body(tool_).model.freeNodes() == 0);
+  surfaces_.setAhead(true);
   surfaces_.find(contact, friction_, out, tool_);
+  surfaces_.setAhead(false);
   surfaces_.setAsNow(false);
   // what carries force between bodies has features that a search need not choose again
   std::vector<std::uint64_t> found;
