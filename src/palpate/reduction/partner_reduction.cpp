@@ -74,6 +74,15 @@ MatX loadsOf(const BodySystem& system, const std::vector<NodeSum>& sums) {
   return columns;
 }
 
+// J times columns.
+MatX motionsOf(const BodySystem& system, const std::vector<NodeSum>& sums, const MatX& columns) {
+  MatX out(static_cast<Eigen::Index>(3 * sums.size()), columns.cols());
+  for (std::size_t k = 0; k < sums.size(); ++k) {
+    out.middleRows<3>(static_cast<Eigen::Index>(3 * k)) = applied(system, sums[k], columns);
+  }
+  return out;
+}
+
 // J^T of sums, of a body without a frame.
 BlockColumns columnsOf(const BodySystem& system, const std::vector<NodeSum>& sums) {
   BlockColumns columns;
@@ -89,17 +98,13 @@ BlockColumns columnsOf(const BodySystem& system, const std::vector<NodeSum>& sum
 
 // Q A^-1 J^T, Q of all sums of nodes and J of some.
 MatX between(BodySystem& system, const std::vector<NodeSum>& all, const std::vector<NodeSum>& some) {
+  if (system.model().framed()) {
+    MatX columns = loadsOf(system, some);
+    solve(system, columns);
+    return motionsOf(system, all, columns);
+  }
   MatX out;
-  if (!system.model().framed()) {
-    system.factor().between(columnsOf(system, all), columnsOf(system, some), out);
-    return out;
-  }
-  MatX columns = loadsOf(system, some);
-  solve(system, columns);
-  out.resize(static_cast<Eigen::Index>(3 * all.size()), columns.cols());
-  for (std::size_t k = 0; k < all.size(); ++k) {
-    out.middleRows<3>(static_cast<Eigen::Index>(3 * k)) = applied(system, all[k], columns);
-  }
+  system.factor().between(columnsOf(system, all), columnsOf(system, some), out);
   return out;
 }
 
@@ -294,14 +299,7 @@ class Rested {
     all.insert(all.end(), holds_.begin(), holds_.end());
     const MatX whole = between(system(), all, sums);
     gram_ = whole.topRows(own).selfadjointView<Eigen::Lower>();
-    half_.resize(rows_, own);
-    Eigen::Index at = 0;
-    for (std::size_t k = 0; k < ties_.size(); ++k) {
-      const Eigen::Index rows = ties_[k].rows();
-      half_.middleRows(at, rows) =
-          ties_[k].axes().transpose() * whole.middleRows<3>(own + static_cast<Eigen::Index>(3 * k));
-      at += rows;
-    }
+    half_ = heldRows(own, [&](std::size_t k) { return whole.middleRows<3>(own + static_cast<Eigen::Index>(3 * k)); });
   }
   // The sums' rows with what holds the body.
   void meet() {
@@ -347,13 +345,7 @@ class Rested {
   }
 
   // The sums' motions by columns.
-  MatX moved(const MatX& columns) const {
-    MatX out(static_cast<Eigen::Index>(3 * sums_.size()), columns.cols());
-    for (std::size_t k = 0; k < sums_.size(); ++k) {
-      out.middleRows<3>(static_cast<Eigen::Index>(3 * k)) = applied(system(), sums_[k], columns);
-    }
-    return out;
-  }
+  MatX moved(const MatX& columns) const { return motionsOf(system(), sums_, columns); }
 
   MatX momentum(const MatX& columns) const {
     const BodyModel& model = system().model();
@@ -377,10 +369,16 @@ class Rested {
 
   // C times columns.
   MatX movedTies(const MatX& columns) const {
-    MatX out(rows_, columns.cols());
+    return heldRows(columns.cols(), [&](std::size_t k) { return applied(system(), holds_[k], columns); });
+  }
+
+  // Those rows of three for each tie that hold.
+  template <class RowsOfTie>
+  MatX heldRows(Eigen::Index columns, const RowsOfTie& three) const {
+    MatX out(rows_, columns);
     Eigen::Index at = 0;
     for (std::size_t k = 0; k < ties_.size(); ++k) {
-      out.middleRows(at, ties_[k].rows()) = ties_[k].axes().transpose() * applied(system(), holds_[k], columns);
+      out.middleRows(at, ties_[k].rows()) = ties_[k].axes().transpose() * three(k);
       at += ties_[k].rows();
     }
     return out;
