@@ -96,6 +96,12 @@ export async function mockServers(dir) {
 export async function openPage(browser, url, options = {}) {
   // without a graphics processor, pictures are what takes the time: a quarter of their pixels is enough to judge by
   const context = await browser.newContext({ viewport: { width: 1100, height: 700 }, deviceScaleFactor: 0.5, ...options });
+  // nor need there be many of them
+  await context.addInitScript((ms) => {
+    const next = window.requestAnimationFrame.bind(window);
+    window.requestAnimationFrame = (draw) => window.setTimeout(() => next(draw), ms);
+    window.cancelAnimationFrame = window.clearTimeout.bind(window);
+  }, 150);
   const page = await context.newPage();
   page.setDefaultTimeout(patience.ms);
   const problems = [];
