@@ -107,6 +107,37 @@ void expectSame(const std::vector<Contact>& p, const std::vector<Contact>& q, si
   for (size_t i = 0; i < p.size(); ++i) EXPECT_TRUE(p[i] == q[i]) << "step " << step << ", contact " << i;
 }
 
+// A sphere that is a little in the slab, on its way out: it is not held back by the face from behind. A step is, as
+// its motion must not cross in either way.
+TEST(SurfaceContactsAhead, WhatIsLeftFromInsideIsNotHit) {
+  constexpr double kTop = 0.005, kIn = 1e-4;
+  const auto& nodes = softSphere().mesh.nodes;
+  const auto at = [&](double height) {
+    VecX x(static_cast<Eigen::Index>(3 * nodes.size()));
+    for (size_t i = 0; i < nodes.size(); ++i)
+      x.segment<3>(static_cast<Eigen::Index>(3 * i)) = nodes[i] + Vec3(0.011, 0.007, height);
+    return x;
+  };
+  const auto normals = [&](bool ahead, double from, double to) {
+    SurfaceContacts s = surfaces();
+    s.setAhead(ahead);
+    s.setStart(0, at(kTop + kRadius + from));
+    s.setEnd(0, at(kTop + kRadius + to));
+    s.setStart(1, at(1.0));
+    s.setEnd(1, at(1.0));
+    std::vector<Contact> found;
+    s.find(ContactSettings(), friction(), found);
+    std::pair<int, int> upward_downward;
+    for (const Contact& c : found) ++(c.normal.z() > 0 ? upward_downward.first : upward_downward.second);
+    return upward_downward;
+  };
+  EXPECT_GT(normals(false, -kIn, 0.01).second, 0);
+  EXPECT_EQ(normals(true, -kIn, 0.01).second, 0);
+  // from outside it is hit
+  EXPECT_GT(normals(true, 0.002, -0.002).first, 0);
+  EXPECT_EQ(normals(true, 0.002, -0.002).second, 0);
+}
+
 TEST(SurfaceContactsState, ObjectsBuiltAnewGoOnFromIt) {
   const std::vector<Motion> motion = motions();
   SurfaceContacts kept = surfaces();

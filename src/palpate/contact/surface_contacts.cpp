@@ -606,6 +606,8 @@ SurfaceFeature SurfaceContacts::featureOn(int body, const Contact& contact) cons
 // sides, and what is near at its end is near from within. Those wait for the next pass, whose path stops at the first.
 void SurfaceContacts::keepDependable() {
   constexpr double kTogether = 0.05;  // of the step
+  // A tool that was corrected may be in what it touches, by micrometers: on its way out it is not to be held.
+  if (finder_.ahead()) std::erase_if(found_, [](const FeaturePair& p) { return p.from_inside; });
   double first = 1.0;
   for (const FeaturePair& p : found_) {
     if (p.hit) first = std::min(first, p.toi);

@@ -55,6 +55,7 @@ class SurfacePairFinder {
 
   void setAsNow(bool on) { settings_.as_now = on; }  ///< see PairSettings
   void setAhead(bool on) { settings_.ahead = on; }   ///< the same
+  bool ahead() const { return settings_.ahead; }
   /// Gives up searches once more pairs of clusters meet, those of all of them from now on counted together: where the
   /// motion is so wild that all may meet all. What was found is then not complete.
   void allow(double clusters) {
