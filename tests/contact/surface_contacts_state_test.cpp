@@ -32,6 +32,16 @@ SurfaceContacts surfaces() {
   return s;
 }
 
+// Of a sphere's nodes, each as far from its middle as `stretch` says.
+template <class Stretch>
+VecX positions(const Vec3& offset, const Stretch& stretch) {
+  const auto& nodes = softSphere().mesh.nodes;
+  VecX x(static_cast<Eigen::Index>(3 * nodes.size()));
+  for (size_t i = 0; i < nodes.size(); ++i)
+    x.segment<3>(static_cast<Eigen::Index>(3 * i)) = stretch() * nodes[i] + offset;
+  return x;
+}
+
 FrictionTable friction() {
   FrictionTable table;
   table.setBody(0, 0.5);
@@ -49,19 +59,15 @@ struct Motion {  // of both spheres in a step, first as predicted
 constexpr int kSteps = 40, kSqueezed = 30;
 std::vector<Motion> motions() {
   test::Chance chance(5);
-  const auto positions = [&](const Vec3& offset) {
-    const auto& nodes = softSphere().mesh.nodes;
-    VecX x(static_cast<Eigen::Index>(3 * nodes.size()));
-    for (size_t i = 0; i < nodes.size(); ++i)
-      x.segment<3>(static_cast<Eigen::Index>(3 * i)) = (1.0 + chance.in(-0.002, 0.002)) * nodes[i] + offset;
-    return x;
-  };
+  const auto stretch = [&] { return 1.0 + chance.in(-0.002, 0.002); };
   std::vector<Motion> all;
   for (int i = 0; i < kSteps; ++i) {
     const double slide = 1.5e-3 * std::sin(0.3 * i),
                  apart = i < 5 || i == kSqueezed ? -0.001 : 1e-4 * std::cos(0.7 * i);
-    const auto lower = [&] { return positions(Vec3(slide, 0, 0.0351)); };
-    const auto upper = [&](double closer) { return positions(Vec3(0, slide, 0.0351 + 2 * kRadius + apart - closer)); };
+    const auto lower = [&] { return positions(Vec3(slide, 0, 0.0351), stretch); };
+    const auto upper = [&](double closer) {
+      return positions(Vec3(0, slide, 0.0351 + 2 * kRadius + apart - closer), stretch);
+    };
     all.push_back({{lower(), upper(0)}, {lower(), upper(1e-4)}, {lower(), upper(4e-4)}});
     // mostly from where the last search ended
     if (i > 0 && i % 4 != 0 && i != kSqueezed) all.back().start = all[static_cast<size_t>(i) - 1].end;
@@ -111,13 +117,7 @@ void expectSame(const std::vector<Contact>& p, const std::vector<Contact>& q, si
 // its motion must not cross in either way.
 TEST(SurfaceContactsAhead, WhatIsLeftFromInsideIsNotHit) {
   constexpr double kTop = 0.005, kIn = 1e-4;
-  const auto& nodes = softSphere().mesh.nodes;
-  const auto at = [&](double height) {
-    VecX x(static_cast<Eigen::Index>(3 * nodes.size()));
-    for (size_t i = 0; i < nodes.size(); ++i)
-      x.segment<3>(static_cast<Eigen::Index>(3 * i)) = nodes[i] + Vec3(0.011, 0.007, height);
-    return x;
-  };
+  const auto at = [](double height) { return positions(Vec3(0.011, 0.007, height), [] { return 1.0; }); };
   const auto normals = [&](bool ahead, double from, double to) {
     SurfaceContacts s = surfaces();
     s.setAhead(ahead);
