@@ -79,6 +79,7 @@ struct EdgeEdge {
   bool chooseTime(const SegmentPair& at_end, SegmentPair& q, FeaturePair& pair) const;
   void describe(const SegmentPair& q, FeaturePair& pair) const;
   bool standsOut(const SegmentPair& p, double t) const;
+  bool askew(const SegmentPair& p, double t) const;
 
  private:
   Vec3 touchingNormal(double t) const;
@@ -122,6 +123,12 @@ bool EdgeEdge::standsOut(const SegmentPair& p, double t) const {
   return !fa.nearer && !fb.nearer && !fa.flat && !fb.flat;
 }
 
+// The line at time t enters one of the surfaces beside its edge.
+bool EdgeEdge::askew(const SegmentPair& p, double t) const {
+  const Vec3 n = normal(p, t);
+  return edgeFaces(s.a, edge_a, t, -n, kAskew).nearer || edgeFaces(s.b, edge_b, t, n, kAskew).nearer;
+}
+
 // A hit that others stand for.
 bool EdgeEdge::redundantHit(const SegmentPair& p, double t) const {
   const VertexFaces a_on_b{s, s.a, s.b}, b_on_a{s, s.b, s.a};
@@ -140,7 +147,7 @@ bool EdgeEdge::chooseTime(const SegmentPair& at_end, SegmentPair& q, FeaturePair
   if (pair.hit) {
     pair.reference_time = pair.toi;
     q = closest(pair.toi);
-    return !redundantHit(q, pair.toi);
+    return !(s.settings.ahead && askew(q, pair.toi)) && !redundantHit(q, pair.toi);
   }
   if (pair.start_distance < s.reach && standsOut(q, 0)) {
     pair.reference_time = 0;

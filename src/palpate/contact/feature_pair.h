@@ -44,8 +44,9 @@ struct PairSettings {
   /// what is near at the start is described as it is then, though it hits, and the search goes on. A flat face on an
   /// edge has its nearest place at one end of it, and after a little turn at the other: both are reported.
   bool as_now = false;
-  /// For who asks what may soon be touched: hollow edges are not looked at, as something else is hit before them. What
-  /// is hit from inside is left out by SurfaceContacts.
+  /// For who asks what may soon be touched: hollow edges are not looked at, as something else is hit before them, and
+  /// hits whose line enters a face beside the vertex or edge are left out. What is hit from inside is left out by
+  /// SurfaceContacts.
   bool ahead = false;
 };
 

@@ -14,6 +14,8 @@ constexpr double kOutline = CollisionSurface::kOutline;
 constexpr double kEntering = 0.2;
 /// Sine of the angle below which a face is square to the shortest line.
 constexpr double kFlat = 1e-6;
+/// Sine by which the line of a hit, looked for ahead, must enter a face beside it to tell nothing of a surface.
+constexpr double kAskew = 0.3;
 
 /// What a gap must exceed the reach by, so that rounding does not matter.
 constexpr double kClear = 1 + 1e-6;
@@ -63,7 +65,8 @@ struct VertexFaces {
   bool anyNeighbor(int face, const TrianglePoint& q, Visit visit) const;
   bool neighborNearer(int v, int face, const TrianglePoint& q, double t) const;
   bool neighborHitFirst(int v, int face, const TrianglePoint& q, double toi) const;
-  bool besideEdge(int v, int face, const TrianglePoint& q, double t) const;
+  bool besideEdge(int v, int face, const TrianglePoint& q, double t, double least = kFlat) const;
+  bool askew(int v, int face, const TrianglePoint& q, double t) const;
 };
 
 }  // namespace palpate

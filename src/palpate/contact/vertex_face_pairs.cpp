@@ -94,6 +94,14 @@ bool VertexFaces::neighborNearer(int v, int face, const TrianglePoint& q, double
   });
 }
 
+// The line at time t enters one of the surfaces beside the vertex, or beside where it meets the face.
+bool VertexFaces::askew(int v, int face, const TrianglePoint& q, double t) const {
+  const double square = std::sqrt(1 - kAskew * kAskew);
+  return besideEdge(v, face, q, t, kAskew) || anyNeighbor(face, q, [&](int f) {
+           return !excluded(v, f) && closest(v, f, t).distance < square * q.distance;
+         });
+}
+
 bool VertexFaces::neighborHitFirst(int v, int face, const TrianglePoint& q, double toi) const {
   return anyNeighbor(face, q, [&](int f) {
     if (excluded(v, f)) return false;
@@ -104,7 +112,7 @@ bool VertexFaces::neighborHitFirst(int v, int face, const TrianglePoint& q, doub
 
 // The nearest point is on the face's outline, and a face at the vertex is nearer to it than the vertex is: then this is
 // a vertex beside an edge, and the edge's own pairs say more.
-bool VertexFaces::besideEdge(int v, int face, const TrianglePoint& q, double t) const {
+bool VertexFaces::besideEdge(int v, int face, const TrianglePoint& q, double t, double least) const {
   if (std::min({q.weight[0], q.weight[1], q.weight[2]}) > kOutline) return false;
   const auto& f = sf.triangles()[static_cast<size_t>(face)];
   const Vec3 x = sv.position(v, t);
@@ -113,7 +121,7 @@ bool VertexFaces::besideEdge(int v, int face, const TrianglePoint& q, double t) 
   for (const int g : sv.trianglesAtVertex(v))
     for (const int w : sv.triangles()[static_cast<size_t>(g)]) {
       const Vec3 along = sv.position(w, t) - x;
-      if (w != v && line.dot(along) > kFlat * line.norm() * along.norm()) return true;
+      if (w != v && line.dot(along) > least * line.norm() * along.norm()) return true;
     }
   return false;
 }
@@ -126,7 +134,7 @@ bool VertexFaces::chooseTime(int v, int face, const TrianglePoint& at_end, Trian
   if (pair.hit) {
     pair.reference_time = pair.toi;
     q = closest(v, face, pair.toi);
-    return !neighborHitFirst(v, face, q, pair.toi);
+    return !(s.settings.ahead && askew(v, face, q, pair.toi)) && !neighborHitFirst(v, face, q, pair.toi);
   }
   if (pair.start_distance < s.reach && nearest(v, face, q, 0)) {
     pair.reference_time = 0;
