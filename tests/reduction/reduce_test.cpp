@@ -209,6 +209,35 @@ TEST(Reduction, AGroundThatASuddenHandWouldMeetIsKnown) {
   }
 }
 
+// The path of a long step can come to a place from an odd side. What it carried there is no plane of the model's.
+TEST(TouchPoints, AreNotOutOfNothing) {
+  Pressed scene(Quat::Identity(),
+                Obstacle{MeshShape{placed(boxSurface({0.3, 0.3, 0.02}), at({0, 0, -0.01}))}, 0.5, "slab"});
+  World& world = scene.world;
+  const VecX positions = world.tool().state.positions;
+  const WorldState pressed = world.state();
+  ASSERT_FALSE(pressed.contacts.loaded.empty());
+  constexpr std::uint64_t kOdd = 12345;
+  NearContacts scratch;
+  for (const double upright : {1.0, 0.5, 0.1, -0.8}) {
+    WorldState state = pressed;
+    Contact odd = state.contacts.loaded.front();
+    ASSERT_GT(odd.normal.z(), 0.99);
+    odd.key = odd.track = kOdd;
+    odd.normal = Vec3(std::sqrt(1 - upright * upright), 0, upright);
+    setTangents(odd);
+    state.contacts.loaded.push_back(odd);
+    const VecX force = state.contacts.loaded_force;
+    state.contacts.loaded_force.resize(force.size() + 3);
+    state.contacts.loaded_force << force, force.head<3>();
+    world.restore(state);
+    const auto points = findTouchPoints(world, {positions, VecX::Zero(positions.size())}, {0.005, 0.066, 0}, scratch);
+    const auto found =
+        std::count_if(points.begin(), points.end(), [](const TouchPoint& p) { return p.contact.key == kOdd; });
+    EXPECT_EQ(found, upright > 0.3 ? 1 : 0) << upright;
+  }
+}
+
 // Most of what is near is never sorted, and looked at only as far as there is room for it.
 TEST(TouchPoints, AreTheNearestAndAllThatCarryForce) {
   Pressed scene;
