@@ -87,8 +87,12 @@ bool outOfNothing(const World& world, const Contact& c) {
   const SurfaceFeature on = world.featureOn(-1, c);
   if (on.surface == nullptr) return false;
   Vec3 out = Vec3::Zero();
-  for (const int t : on.triangles) out += on.surface->areaNormal(t, 0).normalized();
-  return c.normal.dot(out) < kLeast * out.norm();
+  for (const int t : on.triangles) {
+    const Vec3 n = on.surface->areaNormal(t, 0).normalized();
+    if (c.normal.dot(n) >= kLeast) return false;
+    out += n;
+  }
+  return c.normal.dot(out) < kLeast * out.norm();  // a sharp edge points away from both its faces
 }
 
 // The forces of the last step on what is near: that of the same features, or of the nearest ones that it may have moved
