@@ -654,20 +654,16 @@ TEST(SurfacePairs, HollowEdgesAreMissedFromInsideAlone) {
 // Whether the pair's line enters one of the surfaces beside the feature that it leaves: the other point is then nearer
 // to a triangle there, by this share of the line's length.
 bool entersBeside(const CollisionSurface& a, const CollisionSurface& b, const FeaturePair& p, double share) {
-  const auto point = [&](const CollisionSurface& s, const std::array<int, 3>& vertex, const std::array<double, 3>& w) {
-    Vec3 x = Vec3::Zero();
-    for (size_t i = 0; i < 3; ++i)
-      if (vertex[i] >= 0) x += w[i] * s.position(vertex[i], p.reference_time);
-    return x;
-  };
-  const Vec3 on_a = point(a, p.first_vertex, p.first_weight), on_b = point(b, p.second_vertex, p.second_weight);
+  const double t = p.reference_time;
+  const Vec3 on_a = weighted(p.first_vertex, p.first_weight, a, t),
+             on_b = weighted(p.second_vertex, p.second_weight, b, t);
   const auto nearer = [&](const CollisionSurface& s, const std::array<int, 3>& vertex, const std::array<double, 3>& w,
                           const Vec3& x) {
-    return std::any_of(s.triangles().begin(), s.triangles().end(), [&](const auto& t) {
+    return std::any_of(s.triangles().begin(), s.triangles().end(), [&](const auto& f) {
       for (size_t i = 0; i < 3; ++i)
-        if (w[i] > 1e-6 && std::count(t.begin(), t.end(), vertex[i]) == 0) return false;
-      const auto at = [&](size_t i) { return s.position(t[i], p.reference_time); };
-      return closestOnTriangle(x, at(0), at(1), at(2)).distance < share * (on_a - on_b).norm();
+        if (w[i] > 1e-6 && std::count(f.begin(), f.end(), vertex[i]) == 0) return false;
+      const TrianglePoint q = closestOnTriangle(x, s.position(f[0], t), s.position(f[1], t), s.position(f[2], t));
+      return q.distance < share * (on_a - on_b).norm();
     });
   };
   return nearer(a, p.first_vertex, p.first_weight, on_b) || nearer(b, p.second_vertex, p.second_weight, on_a);
