@@ -388,6 +388,17 @@ TEST(Evaluate, ReferenceComparedWithItselfHasNoError) {
   EXPECT_LT(row.floor_rms_torque, 1e-8);
 }
 
+TEST(Evaluate, FloorHasTheScenesSubsteps) {
+  SceneConfig config = tinyScene();
+  const auto floorOf = [&](int substeps) {
+    config.substeps = substeps;
+    return evaluateScene(config, {{"vc"}, {0.020}, false}).rows.at(0).floor_rms;
+  };
+  const double coarse = floorOf(1);
+  EXPECT_GT(coarse, 0.0);
+  EXPECT_LT(floorOf(20), 0.8 * coarse);  // what is left is drawn straight from sample to sample
+}
+
 TEST(Evaluate, RowsAreWhatSeparateRunsGive) {
   const SceneConfig config = tinyScene();
   const StudySettings settings{{"hsl", "vc"}, {0.010, 0.020}, false};

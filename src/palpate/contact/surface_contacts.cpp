@@ -6,6 +6,7 @@
 #include <stdexcept>
 
 #include "palpate/contact/feature_distance.h"
+#include "palpate/contact/nearest_place.h"
 #include "palpate/contact/neighbor_exclusion.h"
 #include "palpate/contact/self_intersections.h"
 #include "palpate/mesh/mesh_quality.h"
@@ -571,12 +572,16 @@ bool SurfaceContacts::isNearest(const Contact& earlier, const ContactSettings& s
 
 SurfaceFeature SurfaceContacts::featureOn(int body, const Contact& contact) const {
   const ContactFeatures& f = contact.features;
-  SurfaceFeature out;
-  if (f.first < 0 || f.first_surface == f.second_surface) return out;
+  if (f.first < 0 || f.first_surface == f.second_surface) return {};
   const bool second = items_[f.second_surface].body == body;
-  const Item& item = items_[second ? f.second_surface : f.first_surface];
-  if (item.body != body) return out;
-  const CollisionSurface& surface = item.surface;
+  if (!second && items_[f.first_surface].body != body) return {};
+  return featureAt(contact, second);
+}
+
+SurfaceFeature SurfaceContacts::featureAt(const Contact& contact, bool second) const {
+  const ContactFeatures& f = contact.features;
+  SurfaceFeature out;
+  const CollisionSurface& surface = items_[second ? f.second_surface : f.first_surface].surface;
   out.surface = &surface;
   const int feature = second ? f.second : f.first;
   const auto addCorners = [&](const auto& vertices) {
@@ -600,6 +605,46 @@ SurfaceFeature SurfaceContacts::featureOn(int body, const Contact& contact) cons
     addCorners(std::array{feature});
   }
   return out;
+}
+
+Vec3 SurfaceFeature::nearestTo(const Vec3& point) const {
+  const std::size_t count = corners.size();  // one that is named twice adds nothing
+  const Vec3 &a = corners[0], &b = corners[1 % count], &c = corners[2 % count];
+  const TrianglePoint p = closestOnTriangle(point, a, b, c);
+  return p.weight[0] * a + p.weight[1] * b + p.weight[2] * c;
+}
+
+void SurfaceContacts::renew(int body, Contact& contact) const {
+  constexpr double kSame = 0.95;  // cosine
+  contact.gap = 0;
+  const ContactFeatures& f = contact.features;
+  if (f.first < 0) return;
+  const bool second = contact.first.body != body;  // whose point stays
+  const Item& own = items_[second ? f.second_surface : f.first_surface];
+  const Item& other = items_[second ? f.first_surface : f.second_surface];
+  const SurfaceFeature from = featureAt(contact, second), on = featureAt(contact, !second);
+  const Vec3 normal = second ? Vec3(-contact.normal) : contact.normal;
+  const Vec3 at_own = (second ? contact.second : contact.first).at(own.start);
+  const NearestPlace place = nearestFrom(other.surface, on.triangles, at_own);
+  if (place.normal.dot(normal) >= kSame) return;
+  const NearestPlace back = nearestFrom(own.surface, from.triangles, on.nearestTo(at_own));
+  if (-back.normal.dot(normal) >= kSame) return;
+  const std::array<int, 3>& face = other.surface.triangles()[place.triangle];
+  if (&own == &other) {  // around the end of a fold, to where the point itself is
+    const std::array<int, 3>& around = own.surface.triangles()[from.triangles.front()];
+    if (std::find_first_of(face.begin(), face.end(), around.begin(), around.end()) != face.end()) return;
+  }
+  const std::array<int, 3>& corners = own.surface.triangles()[from.triangles.front()];
+  const int vertex = *std::min_element(corners.begin(), corners.end(), [&](int a, int b) {
+    return (own.surface.start[a] - at_own).squaredNorm() < (own.surface.start[b] - at_own).squaredNorm();
+  });
+  contact.normal = second ? Vec3(-place.normal) : place.normal;
+  contact.gap = std::max(0.0, place.distance - contact.thickness);
+  (second ? contact.first : contact.second) = point(other, face, place.weight);
+  const auto kind = second ? FeaturePair::Kind::face_vertex : FeaturePair::Kind::vertex_face;
+  contact.features = {f.first_surface, f.second_surface, static_cast<int>(kind), second ? place.triangle : vertex,
+                      second ? vertex : place.triangle};
+  setTangents(contact);
 }
 
 // A path that runs into the other surface tells little about what comes after: edges that hit late do so from odd

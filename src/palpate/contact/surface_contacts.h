@@ -35,6 +35,7 @@ struct SurfaceFeature {
     for (const Vec3& x : corners) sum += x;
     return sum / static_cast<double>(corners.size());
   }
+  Vec3 nearestTo(const Vec3& point) const;
 };
 
 /// Two surfaces that start inside each other.
@@ -106,6 +107,11 @@ class SurfaceContacts {
   /// Whether those features still are where the surfaces are nearest to each other. What slides along the other leaves
   /// that place, and the line between the features then leans over.
   bool isNearest(const Contact& earlier, const ContactSettings& settings);
+  /// An earlier contact that is no longer where the surfaces are nearest. Where one of them still faces along its
+  /// normal beside the other's point, it is that of before, at gap 0. Else one surface has slid off what it was on: the
+  /// point of this body, of the first where both are of it, is then against the nearest place of the other surface,
+  /// with the gap there, which may be wide. After setStart().
+  void renew(int body, Contact& contact) const;
   /// Which obstacle a surface is; -1: a body's.
   int obstacleOf(int surface) const { return items_[static_cast<std::size_t>(surface)].obstacle; }
   /// Its feature on a body's surface, or on the obstacle's (body: -1); none of what touches itself.
@@ -151,6 +157,7 @@ class SurfaceContacts {
   static void moveEnd(Item& item, const VecX& x);
   static void refit(Item& item);
   static int patch(const Item& item, int vertex);
+  SurfaceFeature featureAt(const Contact& contact, bool second) const;
   static FeaturePair pairAtStart(const ContactFeatures& features, const Item& item_a, const Item& item_b);
   static bool facesOutward(const Item& a, const Item& b, const FeaturePair& pair);
   static ContactPoint point(const Item& item, const std::array<int, 3>& vertex, const std::array<double, 3>& weight);

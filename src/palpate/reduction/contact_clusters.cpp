@@ -79,24 +79,8 @@ class FewNumbers {
   std::vector<std::uint64_t> all_;
 };
 
-// The normal is not one that the obstacle has where the contact is: the path of a long step came to the place from an
-// odd side. As a plane it would hold the tool where there is nothing.
-bool outOfNothing(const World& world, const Contact& c) {
-  constexpr double kLeast = 0.3;  // cosine
-  if (c.second.body >= 0) return false;
-  const SurfaceFeature on = world.featureOn(-1, c);
-  if (on.surface == nullptr) return false;
-  Vec3 out = Vec3::Zero();
-  for (const int t : on.triangles) {
-    const Vec3 n = on.surface->areaNormal(t, 0).normalized();
-    if (c.normal.dot(n) >= kLeast) return false;
-    out += n;
-  }
-  return c.normal.dot(out) < kLeast * out.norm();  // a sharp edge points away from both its faces
-}
-
 // The forces of the last step on what is near: that of the same features, or of the nearest ones that it may have moved
-// on to. What carries force and is not near is appended, as touching, unless it is out of nothing.
+// on to. What carries force and is not near is appended, as what it is now.
 // @param reach  within which all is wanted
 // @returns by gap: what is within reach, and what carries force
 std::vector<Near> sortNear(const World& world, double reach, NearContacts& found) {
@@ -138,7 +122,7 @@ std::vector<Near> sortNear(const World& world, double reach, NearContacts& found
   std::vector<Near> away;
   for (const int k : moved) {
     const Contact& c = memory.loaded[static_cast<std::size_t>(k)];
-    if (give(k, [&](const Near& n) { return trackOf(found, n) == c.track; }) || outOfNothing(world, c)) continue;
+    if (give(k, [&](const Near& n) { return trackOf(found, n) == c.track; })) continue;
     away.push_back({0, c.key, static_cast<int>(found.others.size() + away.size()), false, k});
   }
   for (const Near& n : alike) {
@@ -147,7 +131,7 @@ std::vector<Near> sortNear(const World& world, double reach, NearContacts& found
   std::sort(out.begin(), out.end(), nearer);
   for (const Near& n : away) {
     found.others.push_back(memory.loaded[static_cast<std::size_t>(n.loaded)]);
-    found.others.back().gap = 0;
+    world.renew(found.others.back());
   }
   out.insert(out.end(), away.begin(), away.end());
   return out;

@@ -121,6 +121,8 @@ class World {
   const Obstacle* obstacleOf(const Contact& contact) const;
   /// Of a body's surface, or of the obstacle's triangles (body: -1); none where there are no triangles.
   SurfaceFeature featureOn(int body, const Contact& of) const { return surfaces_.featureOn(body, of); }
+  /// One of the last step's that nearSurfaces() has just not found: what it is now (SurfaceContacts::renew).
+  void renew(Contact& of_last_step) const { surfaces_.renew(tool_, of_last_step); }
 
   /// Contacts of the last step, of all bodies that moved.
   const ContactSet& contacts() const { return stage_.result(); }

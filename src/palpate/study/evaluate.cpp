@@ -207,7 +207,7 @@ WrenchTrace idealRendering(const SceneConfig& config, double visual_step) {
   for (std::size_t k = 1; k <= steps; ++k) {
     const DeviceState device = filter.accept(scene.device->sample(static_cast<double>(k) * visual_step));
     // a failed step leaves the last good state; it shows in the floor as the error that it is
-    visualStep(scene.world, {device.pose, device.twist}, {scene.linearization, visual_step},
+    visualStep(scene.world, {device.pose, device.twist}, {scene.linearization, visual_step, config.substeps},
                static_cast<double>(k) * visual_step, {});
     samples.push_back(wrenchNow(device));
   }

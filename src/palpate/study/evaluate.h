@@ -85,8 +85,8 @@ SceneStudy evaluateScene(
 /// handle aims at the sample, which is where the device is when the step's result is used.
 SceneConfig referenceConfig(const SceneConfig& config);
 
-/// Coarse steps rendered ideally: each aims at where the device is at its end, and its link's wrench counts at that
-/// time; linear in between.
+/// Coarse steps, in the scene's substeps, rendered ideally: each aims at where the device is at its end, and its link's
+/// wrench counts at that time; linear in between.
 WrenchTrace idealRendering(const SceneConfig& config, double visual_step);
 
 /// Rows as a table for the terminal.
