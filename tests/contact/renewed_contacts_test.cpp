@@ -23,8 +23,7 @@ TEST(NearestPlace, OfAConvexBodyIsTheNearestOfAll) {
   test::Chance chance(7);
   for (const CollisionSurface& surface : surfaces) {
     for (int i = 0; i < 100; ++i) {
-      const Vec3 way(chance.in(-1, 1), chance.in(-1, 1), chance.in(-1, 1));
-      const Vec3 point = chance.in(0.035, 0.06) * way.normalized();
+      const Vec3 point = chance.in(0.035, 0.06) * chance.direction();
       double least = std::numeric_limits<double>::infinity();
       std::vector<int> facing;
       for (std::size_t t = 0; t < surface.triangles().size(); ++t) {
@@ -96,12 +95,7 @@ struct Scene {
     return out;
   }
   // As if the cube were the first.
-  Contact fromCube(Contact c) const {
-    if (c.first.body == cube) return c;
-    std::swap(c.first, c.second);
-    c.normal = -c.normal;
-    return c;
-  }
+  Contact fromCube(const Contact& c) const { return c.first.body == cube ? c : turnedAround(c); }
 
   SurfaceContacts surfaces;
   FrictionTable friction;
@@ -118,9 +112,8 @@ TEST_P(RenewedContacts, AreAgainstWhatIsThereNow) {
   Scene scene(GetParam());
   scene.put({0.075, 0.003, 0.0101});
   const std::vector<Contact> before = scene.found();
-  ASSERT_FALSE(before.empty());
+  ASSERT_GE(before.size(), 4u);
   scene.put({0.103, 0.003, 0.004});
-  int corners = 0;
   for (const Contact& earlier : before) {
     ASSERT_GT(scene.fromCube(earlier).normal.z(), 0.99);
     Contact contact = earlier;
@@ -137,9 +130,7 @@ TEST_P(RenewedContacts, AreAgainstWhatIsThereNow) {
     for (const Vec3& corner : on.corners) EXPECT_NEAR(corner.x(), 0.1, 1e-12);
     EXPECT_EQ(contact.key, earlier.key);
     EXPECT_EQ(contact.friction, earlier.friction);
-    ++corners;
   }
-  EXPECT_GE(corners, 4);
 }
 
 // The edge itself is against another place of the same face: its plane is the one of before.

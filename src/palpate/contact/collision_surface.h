@@ -92,6 +92,12 @@ class CollisionSurface {
   /// A vertex that follows nodes is where they are, ahead of the others.
   void placeStart(int vertex) const { place(vertex, start_side_, start); }
   void placeEnd(int vertex) const { place(vertex, end_side_, end); }
+  /// Of a triangle, where they start; places them.
+  std::array<Vec3, 3> startCorners(int triangle) const {
+    const auto& [a, b, c] = triangles_[static_cast<size_t>(triangle)];
+    for (const int v : {a, b, c}) placeStart(v);
+    return {start[static_cast<size_t>(a)], start[static_cast<size_t>(b)], start[static_cast<size_t>(c)]};
+  }
   /// All of them, after refit(): boxes are then as tight as those of other surfaces.
   void placeAll();
   /// Vertices are placed when they are asked for: by leafBox(), and with all that share a triangle with them by

@@ -4,6 +4,9 @@
 #include <cmath>
 #include <numeric>
 #include <tuple>
+#include <utility>
+
+#include "palpate/contact/feature_pair.h"
 
 namespace palpate {
 namespace {
@@ -32,6 +35,26 @@ void setTangents(Contact& contact) {
   const Vec3 axis = std::abs(contact.normal.x()) < 0.9 ? Vec3::UnitX() : Vec3::UnitY();
   contact.tangent1 = (axis - contact.normal.dot(axis) * contact.normal).normalized();
   contact.tangent2 = contact.normal.cross(contact.tangent1);
+}
+
+Contact turnedAround(Contact contact) {
+  std::swap(contact.first, contact.second);
+  contact.normal = -contact.normal;
+  ContactFeatures& f = contact.features;
+  if (f.first < 0) return contact;
+  std::swap(f.first_surface, f.second_surface);
+  std::swap(f.first, f.second);
+  switch (static_cast<FeaturePair::Kind>(f.kind)) {
+    case FeaturePair::Kind::vertex_face:
+      f.kind = static_cast<int>(FeaturePair::Kind::face_vertex);
+      break;
+    case FeaturePair::Kind::face_vertex:
+      f.kind = static_cast<int>(FeaturePair::Kind::vertex_face);
+      break;
+    case FeaturePair::Kind::edge_edge:
+      break;
+  }
+  return contact;
 }
 
 // Proposes up to three points that span the patch order_[begin, end): the deepest, the one farthest from it, the one

@@ -95,6 +95,9 @@ inline bool samePatch(const Contact& a, const Contact& b) { return samePair(a, b
 /// so the linearized cone is exact for sliding along world x or y on level ground.
 void setTangents(Contact& contact);
 
+/// The same contact with its sides exchanged: points, features and normal. Tangents stay.
+Contact turnedAround(Contact contact);
+
 /// Mixes numbers into a key; for features' identities, so the order of arguments counts.
 std::uint64_t contactKey(std::uint64_t a, std::uint64_t b, std::uint64_t c = 0, std::uint64_t d = 0);
 

@@ -13,12 +13,7 @@ NearestPlace nearestFrom(const CollisionSurface& surface, std::span<const int> t
   double least = std::numeric_limits<double>::infinity();
   Vec3 place = Vec3::Zero();
   const auto look = [&](int t) {
-    const std::array<int, 3>& v = surface.triangles()[static_cast<std::size_t>(t)];
-    std::array<Vec3, 3> x;
-    for (std::size_t k = 0; k < 3; ++k) {
-      surface.placeStart(v[k]);
-      x[k] = surface.start[static_cast<std::size_t>(v[k])];
-    }
+    const std::array<Vec3, 3> x = surface.startCorners(t);
     const TrianglePoint p = closestOnTriangle(point, x[0], x[1], x[2]);
     if (!(p.distance < least)) return;
     least = p.distance;

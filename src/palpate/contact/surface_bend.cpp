@@ -63,12 +63,9 @@ Mat3 surfaceBend(const CollisionSurface& surface, std::span<const int> triangles
                  const Vec3& normal) {
   const Vec3 first = normal.unitOrthogonal(), second = normal.cross(first);
   const auto faceOf = [&](int t) {
-    const std::array<int, 3>& v = surface.triangles()[static_cast<std::size_t>(t)];
     FaceInPlane face{t, Vec3::Zero(), {}};
-    std::array<Vec3, 3> x;
+    const std::array<Vec3, 3> x = surface.startCorners(t);
     for (std::size_t k = 0; k < 3; ++k) {
-      surface.placeStart(v[k]);
-      x[k] = surface.start[static_cast<std::size_t>(v[k])];
       face.corner[k] = Vec2(first.dot(x[k] - place), second.dot(x[k] - place));
     }
     face.normal = (x[1] - x[0]).cross(x[2] - x[0]).normalized();

@@ -483,10 +483,7 @@ void SurfaceContacts::addOverlap(std::size_t ia, std::size_t ib, const OverlapPo
   c.second = point(outer, overlap.other_vertex, overlap.other_weight);
   place(inner, overlap.vertex);
   c.position = at(inner.surface.end, overlap.vertex, overlap.weight);
-  if (c.first.body < 0) {
-    std::swap(c.first, c.second);
-    c.normal = -c.normal;
-  }
+  if (c.first.body < 0) c = turnedAround(c);
   setTangents(c);
   out.push_back(c);
 }
@@ -615,36 +612,43 @@ Vec3 SurfaceFeature::nearestTo(const Vec3& point) const {
 }
 
 void SurfaceContacts::renew(int body, Contact& contact) const {
-  constexpr double kSame = 0.95;  // cosine
   contact.gap = 0;
-  const ContactFeatures& f = contact.features;
-  if (f.first < 0) return;
-  const bool second = contact.first.body != body;  // whose point stays
-  const Item& own = items_[second ? f.second_surface : f.first_surface];
-  const Item& other = items_[second ? f.first_surface : f.second_surface];
-  const SurfaceFeature from = featureAt(contact, second), on = featureAt(contact, !second);
-  const Vec3 normal = second ? Vec3(-contact.normal) : contact.normal;
-  const Vec3 at_own = (second ? contact.second : contact.first).at(own.start);
+  if (contact.features.first < 0) return;
+  const bool turned = contact.first.body != body;
+  Contact own = turned ? turnedAround(contact) : contact;
+  if (!slidesOff(own)) return;
+  contact = turned ? turnedAround(own) : own;
+  setTangents(contact);
+}
+
+// Of renew(), with the point that stays as the first.
+bool SurfaceContacts::slidesOff(Contact& contact) const {
+  constexpr double kSame = 0.95;  // cosine
+  ContactFeatures& f = contact.features;
+  const Item& own = items_[f.first_surface];
+  const Item& other = items_[f.second_surface];
+  const SurfaceFeature on = featureAt(contact, true);
+  const Vec3 at_own = contact.first.at(own.start);
   const NearestPlace place = nearestFrom(other.surface, on.triangles, at_own);
-  if (place.normal.dot(normal) >= kSame) return;
+  if (place.normal.dot(contact.normal) >= kSame) return false;
+  const SurfaceFeature from = featureAt(contact, false);
   const NearestPlace back = nearestFrom(own.surface, from.triangles, on.nearestTo(at_own));
-  if (-back.normal.dot(normal) >= kSame) return;
+  if (-back.normal.dot(contact.normal) >= kSame) return false;
   const std::array<int, 3>& face = other.surface.triangles()[place.triangle];
-  if (&own == &other) {  // around the end of a fold, to where the point itself is
-    const std::array<int, 3>& around = own.surface.triangles()[from.triangles.front()];
-    if (std::find_first_of(face.begin(), face.end(), around.begin(), around.end()) != face.end()) return;
-  }
   const std::array<int, 3>& corners = own.surface.triangles()[from.triangles.front()];
+  // around the end of a fold, to where the point itself is
+  if (&own == &other && std::find_first_of(face.begin(), face.end(), corners.begin(), corners.end()) != face.end())
+    return false;
   const int vertex = *std::min_element(corners.begin(), corners.end(), [&](int a, int b) {
     return (own.surface.start[a] - at_own).squaredNorm() < (own.surface.start[b] - at_own).squaredNorm();
   });
-  contact.normal = second ? Vec3(-place.normal) : place.normal;
+  contact.normal = place.normal;
   contact.gap = std::max(0.0, place.distance - contact.thickness);
-  (second ? contact.first : contact.second) = point(other, face, place.weight);
-  const auto kind = second ? FeaturePair::Kind::face_vertex : FeaturePair::Kind::vertex_face;
-  contact.features = {f.first_surface, f.second_surface, static_cast<int>(kind), second ? place.triangle : vertex,
-                      second ? vertex : place.triangle};
-  setTangents(contact);
+  contact.second = point(other, face, place.weight);
+  f.kind = static_cast<int>(FeaturePair::Kind::vertex_face);
+  f.first = vertex;
+  f.second = place.triangle;
+  return true;
 }
 
 // A path that runs into the other surface tells little about what comes after: edges that hit late do so from odd

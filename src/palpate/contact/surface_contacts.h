@@ -158,6 +158,7 @@ class SurfaceContacts {
   static void refit(Item& item);
   static int patch(const Item& item, int vertex);
   SurfaceFeature featureAt(const Contact& contact, bool second) const;
+  bool slidesOff(Contact& contact) const;
   static FeaturePair pairAtStart(const ContactFeatures& features, const Item& item_a, const Item& item_b);
   static bool facesOutward(const Item& a, const Item& b, const FeaturePair& pair);
   static ContactPoint point(const Item& item, const std::array<int, 3>& vertex, const std::array<double, 3>& weight);

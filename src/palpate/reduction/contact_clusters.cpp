@@ -13,12 +13,6 @@ namespace {
 constexpr double kFarthest = 0.03;  // that a surface is followed ahead [m]
 constexpr double kSudden = 20.0;    // [m/s^2]: at which a hand may start
 
-Contact turnedAround(Contact c) {
-  std::swap(c.first, c.second);
-  c.normal = -c.normal;
-  return c;
-}
-
 double pressure(const TouchPoint& p) { return std::max(0.0, p.contact.normal.dot(p.force)); }
 
 // The tool's joints.

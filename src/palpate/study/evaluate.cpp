@@ -13,6 +13,7 @@
 #include "palpate/scene/overrides.h"
 #include "palpate/scene/text.h"
 #include "palpate/session/lockstep.h"
+#include "palpate/session/run_timing.h"
 #include "palpate/study/side_by_side.h"
 #include "palpate/visual/visual_step.h"
 
@@ -203,12 +204,14 @@ WrenchTrace idealRendering(const SceneConfig& config, double visual_step) {
     return couplingWrench(scene.haptic.link, handle.pose, handle.twist, device);
   };
   WrenchTrace samples{wrenchNow({scene.start, Vec6::Zero(), 0})};
+  RunTiming timing = timingOf(config);
+  timing.visual_step = visual_step;
+  const VisualStepSettings settings = visualSettings(scene, timing);
   const auto steps = static_cast<std::size_t>(std::ceil(config.duration / visual_step - 1e-9));
   for (std::size_t k = 1; k <= steps; ++k) {
     const DeviceState device = filter.accept(scene.device->sample(static_cast<double>(k) * visual_step));
     // a failed step leaves the last good state; it shows in the floor as the error that it is
-    visualStep(scene.world, {device.pose, device.twist}, {scene.linearization, visual_step, config.substeps},
-               static_cast<double>(k) * visual_step, {});
+    visualStep(scene.world, {device.pose, device.twist}, settings, static_cast<double>(k) * visual_step, {});
     samples.push_back(wrenchNow(device));
   }
   const auto ticks = static_cast<std::size_t>(std::llround(config.duration / config.haptic_step));
