@@ -2,7 +2,9 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <limits>
 #include <numbers>
+#include <utility>
 
 #include "palpate/math/rotation.h"
 #include "shared/held_scenes.h"
@@ -141,7 +143,7 @@ TEST(Follow, CorrectionsLiftWeight) {
     const double flat = held.world.gravity.norm() * mass * way;
     const WorldState start = held.world.state();
     const StepReport report = held.world.follow(path, kStep);
-    EXPECT_TRUE(report.corrected);
+    EXPECT_EQ(report.corrected_share, 1.0);
     const double with = report.energy_corrected;
     held.world.restore(start);
     held.world.gravity.setZero();
@@ -162,7 +164,7 @@ TEST(Follow, APulledStepBringsNoCorrection) {
     const VecX before = held.world.tool().state.positions;
     const StepReport report = held.world.follow(path, kStep);
     ASSERT_GT(held.world.state().pulled_after, 0);
-    EXPECT_FALSE(report.corrected);
+    EXPECT_EQ(report.corrected_share, 0.0);
     EXPECT_EQ(report.energy_corrected, 0);
     EXPECT_LT((held.world.tool().state.positions - before).cwiseAbs().maxCoeff(), 1e-6);
   }
@@ -189,11 +191,69 @@ TEST(Follow, ABlockedCorrectionMakesNoEnergy) {
     path.shift[3 * r + 2] = -0.005 * (top - before[3 * tool.free()[r] + 2]) / top;
   }
   const StepReport report = held.world.follow(path, kStep);
-  EXPECT_TRUE(report.corrected);
+  EXPECT_EQ(report.corrected_share, 1.0);
   EXPECT_LT(report.energy_corrected, -1e-3);
   EXPECT_EQ(report.energy_made, 0);
   EXPECT_EQ(held.world.state().pulled_after, 0) << "left the path";
   for (int i = 0; i < tool.nodes(); ++i) EXPECT_GT(held.world.tool().state.positions[3 * i + 2], -1e-4);
+}
+
+// The same in parts of a step. Each brings its share: were all of it brought by the first, what the ground does not let
+// in would be a velocity that the others go on with.
+TEST(Follow, PartsBringACorrectionEvenly) {
+  VecX ends[2];
+  for (const int parts : {1, 4}) {
+    Held held(0.0);
+    Vec6 down = Vec6::Zero();
+    down[2] = -0.006 / (10 * kStep);
+    for (int k = 0; k < 30; ++k) {
+      const Vec6 twist = k < 10 ? down : Vec6(Vec6::Zero());
+      ASSERT_FALSE(held.world.follow(straight(held.world.tool().state.handle.pose, twist, kStep), kStep).failed());
+    }
+    const BodyModel& tool = held.world.tool().model;
+    ToolPath path = straight(held.world.tool().state.handle.pose, Vec6::Zero(), kStep);
+    path.shift = VecX::Zero(3 * tool.freeNodes());
+    for (int r = 0; r < tool.freeNodes(); ++r) path.shift[3 * r + 2] = -1e-3;
+    const VecX before = held.world.tool().state.positions;
+    const StepReport report = held.world.follow(path, kStep, parts);
+    ASSERT_EQ(held.world.state().pulled_after, 0) << "left the path";
+    EXPECT_EQ(report.corrected_share, 1.0);
+    ends[parts == 1 ? 0 : 1] = held.world.tool().state.positions - before;
+  }
+  EXPECT_LT((ends[1] - ends[0]).cwiseAbs().maxCoeff(), 2e-4);
+}
+
+// A body that falls bends by gravity. The next step is taken in parts that bend by no more than is wanted: as many as
+// halves of halves are needed, and as cost little.
+TEST(Follow, WhatBendsIsTakenInParts) {
+  constexpr double kGravity = 9.81;
+  Material material;
+  material.youngs_modulus = 2e4;
+  Held held(0.1);
+  held.world.add(BodyModel(
+      "other", moved(barMesh({0.04, 0.04, 0.04}, {2, 2, 2}), {Vec3(0.3, 0, 0.5), Quat::Identity()}), material));
+  held.world.settle({0}, held.world.tool().state.handle.pose);
+  ToolPath path = straight(held.world.tool().state.handle.pose, Vec6::Zero(), kStep);
+  ASSERT_EQ(held.world.follow(path, kStep).status, StepStatus::ok);
+  EXPECT_NEAR(held.world.state().bending, kGravity, 1e-3);
+  const WorldState start = held.world.state();
+  const auto endOf = [&](double bend, int parts, double operations) {
+    held.world.restore(start);
+    held.world.budget.operations = operations;
+    path.largest_bend = bend;
+    const StepReport report = held.world.follow(path, kStep, parts);
+    EXPECT_EQ(report.status, StepStatus::ok);
+    EXPECT_EQ(report.redone, 0) << "from the start, and not because something failed";
+    EXPECT_FALSE(report.out_of_budget);
+    return VecX(held.world.body(1).state.positions);
+  };
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  const double bend = kGravity * kStep * kStep;
+  for (const auto& [share, parts] : {std::pair{1.1, 1}, {0.9, 2}, {0.2, 4}, {1e-6, 8}}) {
+    EXPECT_EQ(endOf(share * bend, 1, kInfinity), endOf(kInfinity, parts, kInfinity)) << parts;
+  }
+  const double little = 2.0 * start.part_cost;
+  EXPECT_EQ(endOf(0.2 * bend, 1, little), endOf(kInfinity, 1, little)) << "four would cost too much";
 }
 
 // A body that nothing leads is corrected: it ends up shifted and faster by that, with the energy that it brings in the

@@ -142,7 +142,8 @@ void readLive(const Value& value, LiveSettings& live) {
                 numberField("horizon", live.horizon, Range::positive(10.0, "s")),
                 numberField("margin", live.margin, Range::positive(1.0, "m")),
                 numberField("lookahead", live.lookahead, Range::within(0.0, 10.0, "s")),
-                numberField("feedback", live.feedback, Range::within(0.0, 1.0, ""))});
+                numberField("feedback", live.feedback, Range::within(0.0, 1.0, "")),
+                numberField("bend", live.bend, Range::within(0.0, 1.0, ""))});
 }
 
 std::vector<Field> runFields(SceneConfig& config, bool& method_given) {

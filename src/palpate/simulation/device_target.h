@@ -44,6 +44,9 @@ struct ToolPath {
   std::vector<BodyCorrection> others{};  ///< the same of other bodies
   /// A tool that resists with more than this is not led through [N].
   double largest_force = std::numeric_limits<double>::infinity();
+  /// Where nodes would leave straight lines by more than this in a step, by what they did in the last one, it is taken
+  /// in parts from the start (docs/step.md, "What bends") [m].
+  double largest_bend = std::numeric_limits<double>::infinity();
 
   /// @param share  of the step, in [0, 1]
   HandleState at(double share) const {

@@ -15,7 +15,7 @@ void StepReport::append(const StepReport& part) {
   sum.motion_share = std::min(motion_share, part.motion_share);
   sum.redone += redone;
   sum.energy_corrected += energy_corrected;
-  sum.corrected = corrected || part.corrected;
+  sum.corrected_share += corrected_share;
   sum.out_of_budget = out_of_budget || part.out_of_budget;
   *this = sum;
 }

@@ -47,7 +47,7 @@ struct StepReport {
   /// That corrections with a followed path brought, not counted there; below zero where they were to take some away,
   /// which contact need not let happen [J].
   double energy_corrected = 0;
-  bool corrected = false;      ///< these were brought in, as far as contact let them: the path was followed
+  double corrected_share = 0;  ///< of these, brought in as far as contact let them: while the path was followed
   bool out_of_budget = false;  ///< the budget was used up: the rest of the step was taken as it came
   bool failed() const { return status == StepStatus::restored; }
   /// It went to its end, with contact as it should be.

@@ -236,7 +236,7 @@ bool World::solveContacts(double share, StepReport& report) {
   const ScopedTimer timer(report.times.contact);
   if (surfaces_.active()) {
     for (int i = 0; i < bodies(); ++i) surfaces_.setStart(i, state_.bodies[i].positions);
-    surfaces_.examineOverlaps(state_.halvings > 0);
+    surfaces_.examineOverlaps(state_.halvings > bent_);
   }
   findGlue();
   bool good =
@@ -296,12 +296,14 @@ StepReport World::stepBodies(const std::vector<int>& moving, const StepInput& in
   return report;
 }
 
-constexpr int kShortest = 16;       // as a part of a step
-constexpr int kMostPulled = 15;     // steps after a path was left, before one is tried again
-constexpr int kGoodParts = 4;       // so many good parts before a longer one is tried
-constexpr double kTryShare = 0.08;  // of the budget: what a try may cost that need not succeed
-constexpr double kDearShare = 0.2;  // of the budget: who has used that up cannot afford many more tries that fail
-constexpr double kPartCost = 2.0;   // of a part that is good, for its factorization's
+constexpr int kShortest = 16;        // as a part of a step
+constexpr int kMostPulled = 15;      // steps after a path was left, before one is tried again
+constexpr int kGoodParts = 4;        // so many good parts before a longer one is tried
+constexpr double kTryShare = 0.16;   // of the budget: what a try may cost that need not succeed
+constexpr double kDearShare = 0.2;   // of the budget: who has used that up cannot afford many more tries that fail
+constexpr double kPartCost = 2.0;    // of a part that is good, for its factorization's
+constexpr int kMostBent = 3;         // halvings of a step that bends
+constexpr double kBentShare = 0.25;  // of its length: what its parts may then take together, by what one took last
 // an end that has more energy than work explains, by this much in a whole step [J], is not believed
 constexpr double kEnergyFloor = 1e-5;
 
@@ -365,10 +367,16 @@ StepInput World::inputAt(const Way& way, double from, double to) const {
   input.followed.on = true;
   input.followed.end = end;
   input.followed.largest_force = way.path->largest_force;
+  // as evenly as the path: a shift that a part brings as a whole, and contact does not let in, would be a velocity that
+  // the parts after it go on with
+  const double share = to - from;
+  input.followed.shift = share * way.path->shift;
+  input.followed.others = way.path->others;
+  for (BodyCorrection& other : input.followed.others) other.shift *= share;
   if (from == 0) {
-    input.followed.shift = way.path->shift;
     input.followed.velocity = way.path->velocity;
-    input.followed.others = way.path->others;
+  } else {
+    for (BodyCorrection& other : input.followed.others) other.velocity.setZero();
   }
   return input;
 }
@@ -380,20 +388,38 @@ bool World::affords(int parts) const {
   return kPartCost * factors * parts < meter_.left();
 }
 
+// Into how many halves of halves a part of the step is to be taken from the start, by how the last step bent: as a part
+// of half the length bends a quarter as much. What would take too long is not.
+int World::bentHalvings(const Way& way, double share) const {
+  if (way.path == nullptr) return 0;
+  const double length = share * way.step;
+  const double allowed = kBentShare * std::min(StepBudget::kOperationsPerSecond * way.step, meter_.whole());
+  double bend = state_.bending * length * length, cost = state_.part_cost / share;
+  int halvings = 0;
+  while (halvings < kMostBent && bend > way.path->largest_bend && 2 * cost <= allowed) {
+    ++halvings;
+    bend *= 0.25;
+    cost *= 2;
+  }
+  return halvings;
+}
+
 // A part of the step, in one or in halves and halves of halves where that fails. Where the budget is used up it ends
 // early: a world that is slow for a moment is better than one that is wrong. A failed try that was dear is followed by
 // one that is shorter than it would be otherwise: that may fail as well, and at such a price there is no third time.
 void World::stepAlong(Way& way, double from, double to, StepReport& sum) {
   int done = 0;  // of the shortest parts
   int successes = 0;
+  bent_ = bentHalvings(way, to - from);
   int& halvings = state_.halvings;
-  halvings = std::max(0, halvings - 1);
+  halvings = std::max(bent_, halvings - 1);
   while (done < kShortest) {
     const int length = kShortest >> halvings;
     const auto shareAt = [&](int part) { return part == kShortest ? to : from + (to - from) * part / kShortest; };
     StepReport part;
     const StepInput input = inputAt(way, shareAt(done), shareAt(done + length));
     const bool last = length == 1 && (way.path == nullptr || way.pulled);
+    const double spent = meter_.spent();
     if (!tryStep(input, static_cast<double>(length) / kShortest, last, part)) {
       sum.times += part.times;
       const double promising = stage_.result().promising;
@@ -408,8 +434,10 @@ void World::stepAlong(Way& way, double from, double to, StepReport& sum) {
       successes = 0;
       continue;
     }
-    if (length < kShortest) ++part.redone;
-    part.corrected = input.followed.on && shareAt(done) == 0;
+    good_cost_ += meter_.spent() - spent;
+    ++good_parts_;
+    if (halvings > bent_) ++part.redone;
+    if (input.followed.on) part.corrected_share = shareAt(done + length) - shareAt(done);
     done += length;
     if (meter_.usedUp() && done < kShortest) {
       part.out_of_budget = true;
@@ -418,11 +446,12 @@ void World::stepAlong(Way& way, double from, double to, StepReport& sum) {
       return;
     }
     sum.append(part);
-    if (halvings > 0 && ++successes >= kGoodParts && done % (kShortest >> (halvings - 1)) == 0) {
+    if (halvings > bent_ && ++successes >= kGoodParts && done % (kShortest >> (halvings - 1)) == 0) {
       --halvings;
       successes = 0;
     }
   }
+  if (halvings == bent_) halvings = 0;
 }
 
 StepReport World::step(const DeviceTarget& device, double h, int parts) {
@@ -453,9 +482,15 @@ StepReport World::walk(Way way, int parts) {
   if (!energy_known_) findEnergies(report, state_.time);
   const double before = energy_;
   work_ = {};
+  good_cost_ = 0;
+  good_parts_ = 0;
+  if (way.path != nullptr) bend_.begin(models_, state_.bodies, *way.path);
   for (int k = 0; k < parts; ++k) {
     stepAlong(way, static_cast<double>(k) / parts, static_cast<double>(k + 1) / parts, report);
   }
+  bent_ = 0;
+  state_.bending = way.path != nullptr ? bend_.end(models_, state_.bodies) / way.step : 0.0;
+  state_.part_cost = good_cost_ / std::max(good_parts_, 1);
   state_.time += way.step;
   report.energy_made = energyMade(startEnergy(before, report), energy_, work_);
   if (follows) {

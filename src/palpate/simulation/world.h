@@ -12,6 +12,7 @@
 #include "palpate/simulation/body_system.h"
 #include "palpate/simulation/contact_stage.h"
 #include "palpate/simulation/glue.h"
+#include "palpate/simulation/motion_bend.h"
 #include "palpate/simulation/moving_bodies.h"
 #include "palpate/simulation/step_energy.h"
 #include "palpate/simulation/step_report.h"
@@ -160,6 +161,7 @@ class World {
   StepInput inputAt(const Way& way, double from, double to) const;
   void stepAlong(Way& way, double from, double to, StepReport& sum);
   bool affords(int parts) const;
+  int bentHalvings(const Way& way, double share) const;
   bool tryStep(const StepInput& input, double share, bool last, StepReport& report);
   StepReport stepBodies(const std::vector<int>& moving, const StepInput& input, Ending ending, double share = 0.0);
   bool beginBodies(const std::vector<int>& moving, const StepInput& input, Ending ending, StepReport& report);
@@ -196,6 +198,10 @@ class World {
   ContactMemory contacts_before_;  // of the present part of a step
   StepWork work_;                  // of the present step
   WorkMeter meter_;
+  MotionBend bend_;
+  double good_cost_ = 0;  // of the parts of the present step that were good, in operations
+  int good_parts_ = 0;
+  int bent_ = 0;       // halvings with which its parts begin as it bends
   double energy_ = 0;  // of the state, where it is known [J]
   bool energy_known_ = false;
 };

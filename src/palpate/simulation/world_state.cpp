@@ -12,7 +12,7 @@ namespace palpate {
 namespace {
 
 constexpr std::uint32_t kMagic = 0x54535050;  // "PPST"
-constexpr std::uint32_t kVersion = 7;
+constexpr std::uint32_t kVersion = 8;
 
 class Writer {
  public:
@@ -203,6 +203,8 @@ void fields(A& a, WorldState& state) {
   fields(a, state.aimed);
   fields(a, state.time);
   fields(a, state.halvings);
+  fields(a, state.bending);
+  fields(a, state.part_cost);
   fields(a, state.pulled_steps);
   fields(a, state.pulled_after);
 }

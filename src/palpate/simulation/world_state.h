@@ -20,7 +20,9 @@ struct WorldState {
   DeviceTarget device;          ///< target of the last step
   bool aimed = false;           ///< there was one
   double time = 0;              ///< that all steps took together [s]
-  int halvings = 0;             ///< of its parts at its end
+  int halvings = 0;             ///< of its parts at its end, where it was done again
+  double bending = 0;           ///< by which it changed velocities in its time (MotionBend) [m/s^2]
+  double part_cost = 0;         ///< of one of its parts that were good, in operations
   int pulled_steps = 0;         ///< that follow() is to take pulled by the link, before it tries a path again
   int pulled_after = 0;         ///< how many there were after its last failure
 };

@@ -29,6 +29,13 @@ HandleModel shownModel(const World& world, double step, double time) {
   return model;
 }
 
+// Of a body at its start [m].
+double diagonalOf(const BodyModel& model) {
+  const BodyState start = model.startState();
+  const Eigen::Map<const Eigen::Matrix3Xd> nodes(start.positions.data(), 3, model.nodes());
+  return (nodes.rowwise().maxCoeff() - nodes.rowwise().minCoeff()).norm();
+}
+
 // The tool with the corrections that the next step is to bring into the world.
 ToolShape shiftedShape(const World& world, const VecX& shift) {
   ToolShape shape = toolShape(world);
@@ -121,9 +128,9 @@ double LiveVisual::stillness(const World& world, const ToolPath& way, const Live
 
 // The model began where they led to; a step that was pulled has not brought them into the world. While the handle moves
 // the model knows better; where it rests, each step would find the same difference again.
-void LiveVisual::forgetCorrections(const World& world, const ToolPath& way) {
+void LiveVisual::forgetCorrections(const World& world, const ToolPath& way, double left) {
   LiveBasis& basis = state_.basis;
-  const double share = stillAt(largestSpeed(way, largestNorm(basis.places)));
+  const double share = left * stillAt(largestSpeed(way, largestNorm(basis.places)));
   if (way.shift.size() > 0) basis.places -= share * way.shift;
   for (PartnerBasis& partner : basis.partners) {
     const BodyCorrection* own = correctionOf(way.others, partner.body);
@@ -195,6 +202,8 @@ VisualRecord LiveVisual::step(World& world, const HandlePath& path, const Device
   way.largest_force =
       kStrong * saturatedWrenchOnDevice(world.link, end.pose, end.twist, device.pose, device.twist).head<3>().norm() +
       kAnyway;
+  if (!(size_ > 0)) size_ = diagonalOf(world.tool().model);
+  if (settings_.bend > 0) way.largest_bend = settings_.bend * size_;
   const double length = tick_ * static_cast<double>(way.points.size() - 1);
   if (length <= 0) return record;
   if (state_.ready && !world.tool().system.prepared().ready) {
@@ -218,7 +227,7 @@ VisualRecord LiveVisual::step(World& world, const HandlePath& path, const Device
   state_.shift.resize(0);
   state_.velocity.resize(0);
   state_.others.clear();
-  if (known && !record.step.corrected) forgetCorrections(world, way);
+  if (known) forgetCorrections(world, way, std::max(0.0, 1.0 - record.step.corrected_share));
   const double still = known ? stillness(world, way, now) : 0.0;
   reduce(world, settings_, known ? corrected(world, now) : toolShape(world), still, settings.step, path.end() - 1,
          time);

@@ -41,7 +41,7 @@ class LiveVisual {
  private:
   ToolPath pathSince(const HandlePath& path) const;
   bool replayed(const Vec3& gravity, const HandlePath& path, LiveState& state);
-  void forgetCorrections(const World& world, const ToolPath& way);
+  void forgetCorrections(const World& world, const ToolPath& way, double left);
   double stillness(const World& world, const ToolPath& way, const LiveState& replayed) const;
   ToolShape corrected(const World& world, const LiveState& replayed);
   void correctPartners(const World& world, const LiveState& replayed);
@@ -50,6 +50,7 @@ class LiveVisual {
 
   LiveSettings settings_;
   double tick_;
+  double size_ = 0;  // the tool's diagonal, once it is known [m]
   LiveVisualState state_;
   ToolReduction reduction_;
   LiveTick replay_;
