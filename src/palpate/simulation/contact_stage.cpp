@@ -139,7 +139,7 @@ void ContactStage::followLoaded(const MovingBodies& bodies, const ContactInput& 
 void ContactStage::findOnSurfaces(const ContactInput& input, double allowed) {
   input.surfaces.allow(allowed);
   input.surfaces.find(input.settings, input.friction, candidates_);
-  input.work.spend(input.surfaces.operations());
+  input.work.spendSearching(input.surfaces.operations());
 }
 
 // Everything along the motion to the present end velocities. @returns false if it was given up, which a last try never

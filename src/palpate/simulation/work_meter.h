@@ -23,11 +23,17 @@ class WorkMeter {
  public:
   void start(const StepBudget& budget) {
     budget_ = budget;
-    spent_ = 0;
+    spent_ = apart_ = 0;
     if (timed()) begin_ = Clock::now();
   }
-  void spend(double operations) { spent_ += operations; }
+  void spend(double operations) {
+    spent_ += operations;
+    apart_ += operations;
+  }
+  /// Searches know from those before them where they need not look: what they cost is not known from the state.
+  void spendSearching(double operations) { spent_ += operations; }
   double spent() const { return spent_; }
+  double spentButForSearching() const { return apart_; }
   /// Operations that are left; a clock's time counts as those that fit into it.
   double left() const {
     double left = budget_.operations - spent_;
@@ -46,7 +52,7 @@ class WorkMeter {
   bool timed() const { return budget_.seconds < std::numeric_limits<double>::infinity(); }
 
   StepBudget budget_;
-  double spent_ = 0;
+  double spent_ = 0, apart_ = 0;
   Clock::time_point begin_;
 };
 

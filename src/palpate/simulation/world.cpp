@@ -388,6 +388,11 @@ bool World::affords(int parts) const {
   return kPartCost * factors * parts < meter_.left();
 }
 
+// What a part's searches cost, by the places that were near: about a pair of clusters for each of them, in two passes.
+double World::searchOperations() const {
+  return 2.0 * SurfaceContacts::kOperations * static_cast<double>(state_.contacts.near.size());
+}
+
 // Into how many halves of halves a part of the step is to be taken from the start, by how the last step bent: as a part
 // of half the length bends a quarter as much. What would take too long is not.
 int World::bentHalvings(const Way& way, double share) const {
@@ -419,7 +424,7 @@ void World::stepAlong(Way& way, double from, double to, StepReport& sum) {
     StepReport part;
     const StepInput input = inputAt(way, shareAt(done), shareAt(done + length));
     const bool last = length == 1 && (way.path == nullptr || way.pulled);
-    const double spent = meter_.spent();
+    const double spent = meter_.spentButForSearching();
     if (!tryStep(input, static_cast<double>(length) / kShortest, last, part)) {
       sum.times += part.times;
       const double promising = stage_.result().promising;
@@ -434,7 +439,7 @@ void World::stepAlong(Way& way, double from, double to, StepReport& sum) {
       successes = 0;
       continue;
     }
-    good_cost_ += meter_.spent() - spent;
+    good_cost_ += meter_.spentButForSearching() - spent + searchOperations();
     ++good_parts_;
     if (halvings > bent_) ++part.redone;
     if (input.followed.on) part.corrected_share = shareAt(done + length) - shareAt(done);

@@ -161,6 +161,7 @@ class World {
   StepInput inputAt(const Way& way, double from, double to) const;
   void stepAlong(Way& way, double from, double to, StepReport& sum);
   bool affords(int parts) const;
+  double searchOperations() const;
   int bentHalvings(const Way& way, double share) const;
   bool tryStep(const StepInput& input, double share, bool last, StepReport& report);
   StepReport stepBodies(const std::vector<int>& moving, const StepInput& input, Ending ending, double share = 0.0);
