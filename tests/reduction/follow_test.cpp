@@ -45,6 +45,16 @@ ToolPath straight(const Pose& from, const Vec6& twist, double step) {
   return path;
 }
 
+// On the ground, by 6 mm; then at rest.
+void press(Held& held) {
+  Vec6 down = Vec6::Zero();
+  down[2] = -0.006 / (10 * kStep);
+  for (int k = 0; k < 30; ++k) {
+    const Vec6 twist = k < 10 ? down : Vec6(Vec6::Zero());
+    ASSERT_FALSE(held.world.follow(straight(held.world.tool().state.handle.pose, twist, kStep), kStep).failed());
+  }
+}
+
 TEST(Follow, TheHandleIsWhereThePathEnds) {
   Held held(0.1);
   Vec6 twist;
@@ -174,12 +184,7 @@ TEST(Follow, APulledStepBringsNoCorrection) {
 // that this would have taken away is not made.
 TEST(Follow, ABlockedCorrectionMakesNoEnergy) {
   Held held(0.0);
-  Vec6 down = Vec6::Zero();
-  down[2] = -0.006 / (10 * kStep);
-  for (int k = 0; k < 30; ++k) {
-    const Vec6 twist = k < 10 ? down : Vec6(Vec6::Zero());
-    ASSERT_FALSE(held.world.follow(straight(held.world.tool().state.handle.pose, twist, kStep), kStep).failed());
-  }
+  ASSERT_NO_FATAL_FAILURE(press(held));
   ASSERT_EQ(held.world.state().pulled_after, 0);
   ASSERT_GT(held.world.contacts().active(), 0);
   const BodyModel& tool = held.world.tool().model;
@@ -204,12 +209,7 @@ TEST(Follow, PartsBringACorrectionEvenly) {
   VecX ends[2];
   for (const int parts : {1, 4}) {
     Held held(0.0);
-    Vec6 down = Vec6::Zero();
-    down[2] = -0.006 / (10 * kStep);
-    for (int k = 0; k < 30; ++k) {
-      const Vec6 twist = k < 10 ? down : Vec6(Vec6::Zero());
-      ASSERT_FALSE(held.world.follow(straight(held.world.tool().state.handle.pose, twist, kStep), kStep).failed());
-    }
+    ASSERT_NO_FATAL_FAILURE(press(held));
     const BodyModel& tool = held.world.tool().model;
     ToolPath path = straight(held.world.tool().state.handle.pose, Vec6::Zero(), kStep);
     path.shift = VecX::Zero(3 * tool.freeNodes());
