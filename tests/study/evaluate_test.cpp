@@ -220,7 +220,7 @@ TEST(Live, FeelsTheSameInPartsOfAStep) {
   EXPECT_LE(std::sqrt(squares / static_cast<double>(whole.size())), 0.02);
 }
 
-// The inclusion crossed at 100 mm/s: a step that bends is taken in parts (`live: {bend}`), and is truer by a third.
+// The inclusion crossed at 100 mm/s: a step that bends is taken in parts (`live: {bend}`), and is truer.
 TEST(Live, TakesWhatBendsInParts) {
   SceneConfig config = readScene(std::string(PALPATE_SOURCE_DIR) + "/studies/hard/palpation-fast.yaml");
   config.duration = 3.0;

@@ -94,15 +94,10 @@ void bendPlane(const World& world, const std::vector<TouchPoint>& points, const 
 
 ToolShape toolShape(const World& world) {
   const Body tool = world.tool();
-  const Mat3 rt = tool.state.handle.pose.matrix().transpose();
-  const Vec3 v = tool.state.handle.twist.head<3>(), w = rt * tool.state.handle.twist.tail<3>();
   const VecX places = tool.model.placesInHandle(tool.state);
-  ToolShape shape{VecX(3 * tool.model.freeNodes()), VecX(3 * tool.model.freeNodes())};
+  ToolShape shape{VecX(3 * tool.model.freeNodes()), tool.model.speedsInHandle(tool.state, places)};
   for (int r = 0; r < tool.model.freeNodes(); ++r) {
-    const int i = tool.model.free()[r];
-    const Vec3 y = places.segment<3>(3 * i);
-    shape.places.segment<3>(3 * r) = y;
-    shape.speeds.segment<3>(3 * r) = rt * (tool.state.velocities.segment<3>(3 * i) - v) - w.cross(y);
+    shape.places.segment<3>(3 * r) = places.segment<3>(3 * tool.model.free()[r]);
   }
   return shape;
 }

@@ -223,6 +223,18 @@ VecX BodyModel::placesInHandle(const BodyState& state) const {
   return places;
 }
 
+VecX BodyModel::speedsInHandle(const BodyState& state, const VecX& places) const {
+  const Mat3 rt = state.handle.pose.matrix().transpose();
+  const Vec3 v = state.handle.twist.head<3>(), w = rt * state.handle.twist.tail<3>();
+  VecX speeds(3 * freeNodes());
+  for (int r = 0; r < freeNodes(); ++r) {
+    const int i = free()[r];
+    const Vec3 y = places.segment<3>(3 * i);
+    speeds.segment<3>(3 * r) = rt * (state.velocities.segment<3>(3 * i) - v) - w.cross(y);
+  }
+  return speeds;
+}
+
 double BodyModel::kineticEnergy(const BodyState& state) const {
   double sum = 0;
   for (int i = 0; i < nodes(); ++i) {

@@ -84,6 +84,9 @@ class BodyModel {
   void setHandle(const HandleState& handle, BodyState& state) const;
   /// R^T (x - p) of all nodes, of a framed body; attached ones have their offsets [m].
   VecX placesInHandle(const BodyState& state) const;
+  /// R^T (v - u_p) - w x place of the free nodes, 3 a free node: what they move against the handle [m/s].
+  /// @param places  of all nodes, handle's frame
+  VecX speedsInHandle(const BodyState& state, const VecX& places) const;
   double kineticEnergy(const BodyState& state) const;  ///< [J]
 
  private:

@@ -439,8 +439,8 @@ void World::stepAlong(Way& way, double from, double to, StepReport& sum) {
       successes = 0;
       continue;
     }
-    good_cost_ += meter_.spentButForSearching() - spent + searchOperations();
-    ++good_parts_;
+    way.good_cost += meter_.spentButForSearching() - spent + searchOperations();
+    ++way.good_parts;
     if (halvings > bent_) ++part.redone;
     if (input.followed.on) part.corrected_share = shareAt(done + length) - shareAt(done);
     done += length;
@@ -487,15 +487,13 @@ StepReport World::walk(Way way, int parts) {
   if (!energy_known_) findEnergies(report, state_.time);
   const double before = energy_;
   work_ = {};
-  good_cost_ = 0;
-  good_parts_ = 0;
   if (way.path != nullptr) bend_.begin(models_, state_.bodies, *way.path);
   for (int k = 0; k < parts; ++k) {
     stepAlong(way, static_cast<double>(k) / parts, static_cast<double>(k + 1) / parts, report);
   }
   bent_ = 0;
   state_.bending = way.path != nullptr ? bend_.end(models_, state_.bodies) / way.step : 0.0;
-  state_.part_cost = good_cost_ / std::max(good_parts_, 1);
+  state_.part_cost = way.good_cost / std::max(way.good_parts, 1);
   state_.time += way.step;
   report.energy_made = energyMade(startEnergy(before, report), energy_, work_);
   if (follows) {

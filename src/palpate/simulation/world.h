@@ -145,7 +145,9 @@ class World {
     DeviceTarget from, to;
     double step;  // h
     const ToolPath* path = nullptr;
-    bool pulled = false;  // along it by the link
+    bool pulled = false;   // along it by the link
+    double good_cost = 0;  // of its parts that were good, in operations
+    int good_parts = 0;
   };
   struct BodyBegin {  // of a body's step
     bool good = false;
@@ -200,8 +202,6 @@ class World {
   StepWork work_;                  // of the present step
   WorkMeter meter_;
   MotionBend bend_;
-  double good_cost_ = 0;  // of the parts of the present step that were good, in operations
-  int good_parts_ = 0;
   int bent_ = 0;       // halvings with which its parts begin as it bends
   double energy_ = 0;  // of the state, where it is known [J]
   bool energy_known_ = false;

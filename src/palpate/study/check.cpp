@@ -12,6 +12,7 @@
 #include "palpate/common/error.h"
 #include "palpate/fem/polar.h"
 #include "palpate/math/rotation.h"
+#include "palpate/mesh/surface_measures.h"
 
 namespace palpate {
 namespace {
@@ -529,15 +530,7 @@ void centralDifferences(SlowStep& step, const World& world, double length, Mat6&
   }
 }
 
-double halfDiagonal(const Body& tool) {
-  Vec3 low = Vec3::Constant(1e300);
-  Vec3 high = Vec3::Constant(-1e300);
-  for (const Vec3& p : tool.model.mesh().surface.vertices) {
-    low = low.cwiseMin(p);
-    high = high.cwiseMax(p);
-  }
-  return 0.5 * (high - low).norm();
-}
+double halfDiagonal(const Body& tool) { return 0.5 * boundsOf(tool.model.mesh().surface.vertices).diagonal(); }
 
 }  // namespace
 

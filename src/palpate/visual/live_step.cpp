@@ -6,6 +6,7 @@
 #include "palpate/common/parallel.h"
 #include "palpate/common/scoped_timer.h"
 #include "palpate/math/largest_norm.h"
+#include "palpate/mesh/surface_measures.h"
 
 namespace palpate {
 namespace {
@@ -27,13 +28,6 @@ HandleModel shownModel(const World& world, double step, double time) {
   model.time = time;
   model.step = step;
   return model;
-}
-
-// Of a body at its start [m].
-double diagonalOf(const BodyModel& model) {
-  const BodyState start = model.startState();
-  const Eigen::Map<const Eigen::Matrix3Xd> nodes(start.positions.data(), 3, model.nodes());
-  return (nodes.rowwise().maxCoeff() - nodes.rowwise().minCoeff()).norm();
 }
 
 // The tool with the corrections that the next step is to bring into the world.
@@ -202,8 +196,9 @@ VisualRecord LiveVisual::step(World& world, const HandlePath& path, const Device
   way.largest_force =
       kStrong * saturatedWrenchOnDevice(world.link, end.pose, end.twist, device.pose, device.twist).head<3>().norm() +
       kAnyway;
-  if (!(size_ > 0)) size_ = diagonalOf(world.tool().model);
-  if (settings_.bend > 0) way.largest_bend = settings_.bend * size_;
+  if (settings_.bend > 0) {
+    way.largest_bend = settings_.bend * boundsOf(world.tool().model.mesh().mesh.nodes).diagonal();
+  }
   const double length = tick_ * static_cast<double>(way.points.size() - 1);
   if (length <= 0) return record;
   if (state_.ready && !world.tool().system.prepared().ready) {

@@ -50,7 +50,6 @@ class LiveVisual {
 
   LiveSettings settings_;
   double tick_;
-  double size_ = 0;  // the tool's diagonal, once it is known [m]
   LiveVisualState state_;
   ToolReduction reduction_;
   LiveTick replay_;
