@@ -210,6 +210,48 @@ TEST(ElasticMesh, StiffnessWithTensionIsThatOfCentralDifferences) {
   }
 }
 
+// Stretched, pressed and sheared: K and what turning adds are the energy's whole second derivative, of either sign.
+// Some nodes stay where they are.
+TEST(ElasticMesh, TurningStiffnessIsWhatFixedRotationsLeaveOut) {
+  const SimulationMesh mesh = smallBar();
+  Material material;
+  material.poisson_ratio = 0.4;
+  ElasticMesh fem(mesh, material);
+  std::vector<int> row(mesh.mesh.nodes.size(), -1);
+  int free = 0;
+  for (std::size_t i = 0; i < row.size(); ++i)
+    if (i % 7 != 0) row[i] = free++;
+  SymmetricBlockMatrix a = fem.pattern(row);
+  const MatX shapes = randomVector(15 * free, 1.0, 4).reshaped(3 * free, 5);
+  const Mat3 r = expRotation({0.3, 2.0, -0.4}).toRotationMatrix();
+  for (const Vec3& stretch : {Vec3(1.3, 1.2, 1.4), Vec3(0.7, 0.8, 0.9), Vec3(0.4, 1.5, 1.0), Vec3(0.35, 0.4, 1.7)}) {
+    const VecX x = mapped(restPositions(mesh), r * Mat3(stretch.asDiagonal()), Vec3::Zero()) +
+                   randomVector(3 * fem.nodes(), 2e-4, 3);
+    const ElasticState state = fem.stateAt(x);
+    ASSERT_TRUE(state.flat.empty());
+    fem.assemble(0, 1, state, a);
+    const MatX known = shapes.transpose() * a.multiplyColumns(shapes);
+    const MatX given = known + fem.turningStiffness(x, state, row, shapes);
+    MatX expected(5, 5);
+    for (Eigen::Index k = 0; k < 5; ++k) {
+      VecX dx = VecX::Zero(x.size()), before, after, slope(3 * free);
+      for (std::size_t i = 0; i < row.size(); ++i) {
+        const auto at = static_cast<Eigen::Index>(3 * i);
+        if (row[i] >= 0) dx.segment<3>(at) = 1e-7 * shapes.col(k).segment<3>(3 * row[i]);
+      }
+      fem.forces(x - dx, fem.stateAt(x - dx), before);
+      fem.forces(x + dx, fem.stateAt(x + dx), after);
+      for (std::size_t i = 0; i < row.size(); ++i) {
+        const auto at = static_cast<Eigen::Index>(3 * i);
+        if (row[i] >= 0) slope.segment<3>(3 * row[i]) = (before - after).segment<3>(at) / 2e-7;
+      }
+      expected.col(k) = shapes.transpose() * slope;
+    }
+    EXPECT_LT((given - expected).norm(), 1e-5 * expected.norm());
+    EXPECT_GT((known - expected).norm(), 0.02 * expected.norm()) << "what the test is for";
+  }
+}
+
 // A bar twice as long as at rest under its ends' pull is a string: sideways it is held by the pull, which fixed
 // rotations do not know.
 TEST(ElasticMesh, TensionHoldsAStringSideways) {

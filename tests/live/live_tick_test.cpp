@@ -63,6 +63,40 @@ TEST(LiveTick, AHeldModeSwingsAsTheSchemeSays) {
   EXPECT_NEAR(std::hypot(z, s / std::sqrt(w2)), expected, 0.05 * expected);
 }
 
+// What stress takes off its stiffness or adds makes it slower or faster; at rest it gives way by the whole.
+TEST(LiveTick, StressIsPartOfAModesStiffness) {
+  for (const double turning : {-2000.0, 3000.0}) {
+    LiveModel m = softTool(1, 1, 0, 3);
+    m.coupling.setZero();
+    m.coriolis_torque[0].setZero();
+    const double w2 = 2500, dt = 0.001;
+    m.squared_frequency[0] = w2;
+    m.damping[0] = m.beta * w2;
+    m.turning.resize(1, 1);
+    m.turning(0, 0) = turning;
+    LiveTick tick;
+    LiveState state = startState(m);
+    state.z[0] = 1e-3;
+    double z = 1e-3, s = 0;
+    PathPoint from;
+    const auto go = [&](int ticks) {
+      for (int k = 0; k < ticks; ++k)
+        tick.replay(m, dt, Vec3::Zero(), from, {state.index + 1, {}, Vec6::Zero()}, state);
+    };
+    for (int k = 0; k < 300; ++k) {
+      go(1);
+      s = (s / dt - (w2 + turning) * z) / (1 / dt + (m.beta + dt) * w2);
+      z += dt * s;
+      ASSERT_NEAR(state.z[0], z, 1e-15);
+    }
+    const double energy = liveEnergy(m, state, {}, Vec6::Zero(), Vec3::Zero());
+    EXPECT_NEAR(energy, 0.5 * s * s + 0.5 * (w2 + turning) * z * z, 1e-15);
+    m.force[0] = 2.0;
+    go(3000);
+    EXPECT_NEAR(state.z[0], 2.0 / (w2 + turning), 1e-6);
+  }
+}
+
 // Pressed by d and held: the force is d over the whole compliance, W + Qc w2^-1 Qc^T.
 TEST(LiveTick, AHeldPressFeelsTheStaticCompliance) {
   const LiveModel m = softTool(4, 6, 1, 5);

@@ -170,6 +170,52 @@ TEST(Reduction, GivesTheWholeStaticCompliance) {
   }
 }
 
+// The modes' stiffness under the stress that presses the bar, against differences of the elastic forces; with a second
+// order too, whose contacts' forces work on the way that it gives their places: that is in it once.
+TEST(Reduction, ModesKnowTheStressThatTheyAreUnder) {
+  for (const int second : {0, 3}) {
+    Pressed scene;
+    LiveSettings settings;
+    settings.modes = 6;
+    settings.second_order = second;
+    LiveBasis basis;
+    const LiveModel model = scene.reduced(settings, basis);
+    ASSERT_GT(model.contact_force.norm(), 0.5);
+    const Body tool = scene.world.tool();
+    const ElasticMesh& fem = tool.model.elasticity();
+    const MatX turn = MatX(tool.state.handle.pose.matrix());
+    const auto forcesAt = [&](const VecX& way) {
+      VecX x = tool.state.positions, f, own(way.size());
+      for (int r = 0; r < tool.model.freeNodes(); ++r) {
+        x.segment<3>(3 * tool.model.free()[r]) += turn * way.segment<3>(3 * r);
+      }
+      fem.forces(x, fem.stateAt(x), f);
+      for (int r = 0; r < tool.model.freeNodes(); ++r) {
+        own.segment<3>(3 * r) = turn.transpose() * f.segment<3>(3 * tool.model.free()[r]);
+      }
+      return own;
+    };
+    MatX exact(6, 6);
+    for (int k = 0; k < 6; ++k) {
+      const VecX way = 1e-6 / basis.modes.col(k).cwiseAbs().maxCoeff() * basis.modes.col(k);
+      exact.col(k) = basis.modes.transpose() * (forcesAt(-way) - forcesAt(way)) / 2 *
+                     basis.modes.col(k).cwiseAbs().maxCoeff() / 1e-6;
+    }
+    MatX given = model.turning;
+    given.diagonal() += model.squared_frequency;
+    EXPECT_GE(symmetricEigen(given).values[0], -1e-6);
+    for (int i = 0, c = 0; i < second; ++i) {
+      for (int j = i; j < second; ++j, ++c) {
+        const double work = model.contact_force.dot(model.curvature.col(c));
+        given(i, j) -= work;
+        if (i != j) given(j, i) -= work;
+      }
+    }
+    EXPECT_LT((given - exact).norm(), 1e-3 * exact.norm()) << second;
+    EXPECT_GT(model.turning.norm(), 0.02 * model.squared_frequency.norm()) << "what the test is for";
+  }
+}
+
 TEST(Reduction, ComplianceIsSymmetricAndPositive) {
   Pressed scene;
   LiveBasis basis;

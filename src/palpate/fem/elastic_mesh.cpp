@@ -76,22 +76,44 @@ ElementForces forcesOf(const ElasticElement& e, double scale, const Mat3& rotati
   return own;
 }
 
-// P = R V diag(sqrt(t_k / 2)); zero without tension.
-Mat3 tensionFactor(const ElasticElement& e, const Mat3& rotation, const Mat3& gradient) {
-  constexpr double kLeastStretch = 0.1;  // of a sum of two: what is nearly flat has no stiffness from tension
-  const Mat3 g = rotation.transpose() * gradient;
+constexpr double kLeastStretch = 0.1;  // of a sum of two: what is nearly flat has no stiffness from its stress
+
+// The energy's curvature where g = R^T F turns against the identity: t_k / 2 about the principal directions V.
+struct Turning {
+  Mat3 directions;
+  Vec3 stiffness;
+};
+Turning turningOf(const ElasticElement& e, const Mat3& g) {
   Eigen::SelfAdjointEigenSolver<Mat3> spectrum;
   spectrum.computeDirect(0.5 * (g + g.transpose()));
   const Vec3& s = spectrum.eigenvalues();
   const double swelling = e.lambda * (s.sum() - 3);
-  Vec3 root;
+  Turning out{spectrum.eigenvectors(), {}};
   for (int k = 0; k < 3; ++k) {
     const double stretch = s[(k + 1) % 3] + s[(k + 2) % 3];
-    const double t = stretch > kLeastStretch ? (2 * e.mu * (stretch - 2) + 2 * swelling) / stretch : 0.0;
-    root[k] = std::sqrt(0.5 * std::max(t, 0.0));
+    out.stiffness[k] = stretch > kLeastStretch ? 0.5 * ((2 * e.mu * (stretch - 2) + 2 * swelling) / stretch) : 0.0;
   }
+  return out;
+}
+
+// P = R V diag(sqrt(t_k / 2)); zero without tension.
+Mat3 tensionFactor(const ElasticElement& e, const Mat3& rotation, const Mat3& gradient) {
+  const Turning turning = turningOf(e, rotation.transpose() * gradient);
+  const Vec3 root = turning.stiffness.cwiseMax(0.0).cwiseSqrt();
   if (root.isZero(0.0)) return Mat3::Zero();
-  return rotation * spectrum.eigenvectors() * root.asDiagonal();
+  return rotation * turning.directions * root.asDiagonal();
+}
+
+// V diag(t_k / 2) V^T, of the matrix itself where none of its sums of stretches can be small.
+Mat3 turningCurvature(const ElasticElement& e, const Mat3& g) {
+  const Mat3 s = 0.5 * (g + g.transpose());
+  const Mat3 sums = s.trace() * Mat3::Identity() - s;
+  const Vec3 least = 2 * sums.diagonal() - sums.cwiseAbs().rowwise().sum();  // Gershgorin
+  if (least.minCoeff() > kLeastStretch) {
+    return e.mu * Mat3::Identity() + (e.lambda * (s.trace() - 3) - 2 * e.mu) * sums.inverse();
+  }
+  const Turning turning = turningOf(e, g);
+  return turning.directions * turning.stiffness.asDiagonal() * turning.directions.transpose();
 }
 
 int partsFor(int elements) {
@@ -327,6 +349,40 @@ void ElasticMesh::tensionFactors(const VecX& x, const ElasticState& state, doubl
       out[n] *= std::sqrt(scale);
     }
   });
+}
+
+MatX ElasticMesh::turningStiffness(const VecX& x, const ElasticState& state, const std::vector<int>& row,
+                                   const MatX& shapes) const {
+  using ByRows = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+  const ByRows shape = shapes;
+  const Eigen::Index r = shapes.cols();
+  const int count = static_cast<int>(elements_.size()), parts = partsFor(count);
+  std::vector<MatX> sums(static_cast<std::size_t>(parts));
+  parallelFor(parts, [&](int part) {
+    const int begin = partBegin(part, parts, count), end = partBegin(part + 1, parts, count);
+    // of each element by each shape: the turn of F against R, and what it asks for
+    ByRows turns = ByRows::Zero(3 * (end - begin), r), moments(3 * (end - begin), r);
+    for (int n = begin; n < end; ++n) {
+      const ElasticElement& e = elements_[n];
+      const Mat3 rt = state.rotations[n].transpose();
+      const Mat3 curvature = state.stiffness_scale * turningCurvature(e, rt * e.deformationGradient(x));
+      const Eigen::Index at = 3 * (n - begin);
+      for (int i = 0; i < 4; ++i) {
+        if (row[e.node[i]] < 0) continue;
+        const Mat3 lever = skew(e.gradient[i]) * rt;
+        for (int a = 0; a < 3; ++a)
+          for (int b = 0; b < 3; ++b) turns.row(at + a) += lever(a, b) * shape.row(3 * row[e.node[i]] + b);
+      }
+      for (int a = 0; a < 3; ++a) {
+        moments.row(at + a) =
+            curvature(a, 0) * turns.row(at) + curvature(a, 1) * turns.row(at + 1) + curvature(a, 2) * turns.row(at + 2);
+      }
+    }
+    sums[static_cast<std::size_t>(part)] = turns.transpose() * moments;
+  });
+  MatX out = MatX::Zero(r, r);
+  for (const MatX& sum : sums) out += sum;
+  return out;
 }
 
 void ElasticMesh::assemble(double mass_scale, double stiffness_scale, const ElasticState& state,

@@ -114,6 +114,12 @@ class ElasticMesh {
   SymmetricBlockMatrix pattern(const std::vector<int>& row);
   /// P of each element at x, times sqrt(scale), with the state's rotations, which must be those of x.
   void tensionFactors(const VecX& x, const ElasticState& state, double scale, std::vector<Mat3>& out) const;
+  /// What fixed rotations leave out of K, for motions that are sums of a few shapes: shapes^T (d2 energy - K) shapes,
+  /// [r x r], of either sign. Without what is pressed flat. The state's rotations must be those of x.
+  /// @param row     of each node in the shapes; -1: it stays where it is
+  /// @param shapes  [3 rows x r]
+  MatX turningStiffness(const VecX& x, const ElasticState& state, const std::vector<int>& row,
+                        const MatX& shapes) const;
   /// a = mass_scale M + stiffness_scale (K + sum B B^T) on the pattern's rows, with the state's rotations and flat
   /// elements.
   /// @param tension  P, one an element, or none

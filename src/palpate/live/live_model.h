@@ -90,6 +90,8 @@ struct LiveModel {
   ModalVector damping;            ///< alpha + beta w2, by the mode's own material [1/s]
   ModalVector force;              ///< f1, elastic and what merged contacts leave out; a partner's weight too
   ModalVector speed;              ///< z' at that time
+  /// H, of the tool's modes: stiffness that stress adds to w2 or takes away [1/s^2]; w2 + H has no negative eigenvalue.
+  BoundedMatrix<LiveSize::kToolModes, LiveSize::kToolModes> turning;
   BoundedMatrix<6, LiveSize::kModes> coupling;  ///< Mbz
   /// Q^T M (w x (w x y)) = centrifugal (wx wx, wy wy, wz wz, wx wy, wx wz, wy wz).
   BoundedMatrix<LiveSize::kModes, 6> centrifugal;

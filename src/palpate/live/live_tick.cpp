@@ -25,6 +25,13 @@ Vec3 deformedMoment(const LiveModel& model, const LiveState& state) {
   return out;
 }
 
+// On the modes, where they are. What stress adds is not implicit: the tick stays short beside any motion by it.
+ModalVector elasticForce(const LiveModel& model, const LiveState& state) {
+  ModalVector out = model.force - model.squared_frequency.cwiseProduct(state.z);
+  addProduct(-1.0, model.turning, state.z.data(), out.data());
+  return out;
+}
+
 // What contacts hold of their own, under this force.
 double contactEnergy(const LiveModel& model, const RowVector& force) {
   RowVector moved = RowVector::Zero(force.size());
@@ -52,11 +59,11 @@ bool isFinite(const LiveState& state) noexcept {
 bool isFinite(const LiveModel& model) noexcept {
   bool good = model.damping.allFinite() && model.torque.allFinite() && model.pose.allFinite() &&
               model.twist.allFinite() && std::isfinite(model.mass) && model.moment.allFinite() &&
-              model.inertia.allFinite() && model.squared_frequency.allFinite() && model.force.allFinite() &&
-              model.speed.allFinite() && model.coupling.allFinite() && model.centrifugal.allFinite() &&
-              model.arm.allFinite() && model.shape.allFinite() && model.compliance.allFinite() &&
-              model.tool_compliance.allFinite() && model.damped_force.allFinite() && model.contact_force.allFinite() &&
-              model.curvature.allFinite() && model.bearing.allFinite();
+              model.inertia.allFinite() && model.squared_frequency.allFinite() && model.turning.allFinite() &&
+              model.force.allFinite() && model.speed.allFinite() && model.coupling.allFinite() &&
+              model.centrifugal.allFinite() && model.arm.allFinite() && model.shape.allFinite() &&
+              model.compliance.allFinite() && model.tool_compliance.allFinite() && model.damped_force.allFinite() &&
+              model.contact_force.allFinite() && model.curvature.allFinite() && model.bearing.allFinite();
   for (int k = 0; k < 3; ++k) good = good && model.coriolis[k].allFinite() && model.coriolis_torque[k].allFinite();
   for (int i = 0; i < model.contacts; ++i) {
     const LiveSurface& s = model.surface[i];
@@ -191,7 +198,7 @@ Vec6 LiveTick::step(const LiveModel& model, const LiveTickInput& input, const Po
   b.segment<3>(0) += model.mass * g - w.cross(w.cross(model.moment)) - 2.0 * w.cross(flow);
   b.segment<3>(3) += model.torque + shifted.cross(g) - w.cross(model.inertia.bottomRightCorner<3, 3>() * w);
   for (int k = 0; k < 3; ++k) addProduct(-2.0 * w[k], model.coriolis_torque[k], state.speed.data(), b.data() + 3);
-  ModalVector modal = model.force - model.squared_frequency.cwiseProduct(state.z);
+  ModalVector modal = elasticForce(model, state);
   addTransposed(1.0, model.coupling.topRows<3>(), g.data(), modal.data());
   addSpin(model, state, w, modal);
   ModalVector before = state.speed;
@@ -252,7 +259,7 @@ void LiveTick::replayNext(const LiveModel& model, double dt, const Vec3& gravity
   const Vec6 u = inFrame(rt, from.twist), next = inFrame(rt, to.twist);
   const Vec3 g = rt * gravity;
   inverse_ = (1.0 / dt + model.damping.array() + dt * model.squared_frequency.array()).inverse().matrix();
-  ModalVector modal = model.force - model.squared_frequency.cwiseProduct(state.z);
+  ModalVector modal = elasticForce(model, state);
   addTransposed(1.0, model.coupling.topRows<3>(), g.data(), modal.data());
   const Vec6 pulled = (next - u) / dt + model.alpha * next;
   addTransposed(-1.0, model.coupling, pulled.data(), modal.data());
@@ -318,8 +325,7 @@ double liveEnergy(const LiveModel& model, const LiveState& state, const Pose& po
   Vec6 flow = Vec6::Zero();
   addProduct(1.0, model.coupling, state.speed.data(), flow.data());
   double energy = 0.5 * u.dot(model.inertia * u) + u.dot(flow) + 0.5 * state.speed.squaredNorm() +
-                  model.elastic_energy - model.force.dot(state.z) +
-                  0.5 * state.z.dot(model.squared_frequency.cwiseProduct(state.z));
+                  model.elastic_energy - 0.5 * state.z.dot(model.force + elasticForce(model, state));
   if (model.contacts > 0) {
     energy += contactEnergy(model, state.damped_force) - contactEnergy(model, model.damped_force);
   }

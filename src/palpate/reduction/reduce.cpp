@@ -184,7 +184,7 @@ void ToolReduction::findToolModes(const Input& input, int most, LiveBasis& basis
 }
 
 // All of it is sums of the modes' coordinates, weighed by m and m y: y x (e_k x q) = e_k (y . q) - q (y . e_k).
-void ToolReduction::addInertia(const World& world, const Input& input, const LiveBasis& basis, LiveModel& model) {
+void ToolReduction::addInertia(const World& world, const Input& input, LiveBasis& basis, LiveModel& model) {
   const ScopedTimer timer(times_.modes);
   const Body tool = world.tool();
   const Handle& handle = tool.model.handle();
@@ -230,7 +230,8 @@ void ToolReduction::addInertia(const World& world, const Input& input, const Liv
   for (int i = 0; i < tool.model.freeNodes(); ++i) {
     force.segment<3>(3 * i) = forces_.segment<3>(3 * tool.model.free()[i]);
   }
-  model.force = basis.modes.transpose() * force;
+  basis.force = basis.modes.transpose() * force;
+  model.force = basis.force;
 }
 
 namespace {
@@ -593,6 +594,24 @@ void ToolReduction::addCurvature(const World& world, const LiveBasis& basis, Liv
   model.curvature = atContacts(response);
 }
 
+// What an applied force adds to the stiffness of those modes that have a second order is in that already: it works on
+// their way. A stiffness below zero would grow without end, as the model does not know what it grows into: it is none.
+void ToolReduction::addTurning(const LiveBasis& basis, LiveModel& model) const {
+  MatX turning = turning_;
+  for (int i = 0, c = 0; i < model.second; ++i) {
+    for (int j = i; j < model.second; ++j, ++c) {
+      turning(j, i) += model.contact_force.dot(model.curvature.col(c));
+    }
+  }
+  const Eigen::Index r = basis.modes.cols();
+  const VecX known = model.squared_frequency.head(r);
+  turning.diagonal() += known;
+  const SymmetricEigen found = symmetricEigen(turning);
+  turning = found.vectors * found.values.cwiseMax(0.0).asDiagonal() * found.vectors.transpose();
+  turning.diagonal() -= known;
+  model.turning = turning;
+}
+
 LiveModel ToolReduction::reduce(World& world, const LiveSettings& settings, const Input& input, LiveBasis& basis) {
   const Body tool = world.tool();
   const Material& material = tool.model.elasticity().material();
@@ -621,6 +640,7 @@ LiveModel ToolReduction::reduce(World& world, const LiveSettings& settings, cons
   if (ready) {
     findToolModes(input, settings.modes, basis, model);
     addInertia(world, input, basis, model);
+    turning_ = tool.model.elasticity().turningStiffness(positions_, elastic_, tool.model.row(), basis.modes);
     model.second =
         std::max(0, std::min({settings.second_order, LiveSize::kSecond, static_cast<int>(basis.modes.cols())}));
     if (touches_ && model.second > 0) secondDifferences(tool.model, basis, model.second);
@@ -638,6 +658,7 @@ LiveModel ToolReduction::reduce(World& world, const LiveSettings& settings, cons
   addCompliance(world, settings, input, basis, model);
   begun_.clear();  // what it knows of the world does not outlive a step
   addCurvature(world, basis, model);
+  addTurning(basis, model);
   touches_ = model.contacts > 0;
   return model;
 }

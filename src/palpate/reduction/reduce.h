@@ -24,6 +24,7 @@ VecX freeMasses(const BodyModel& tool);
 
 /// What a model was made of: the tool's modes in the handle's frame, y1.
 struct LiveBasis : ModalBasis {
+  VecX force;                            ///< elastic, on the modes
   std::vector<PartnerBasis> partners{};  ///< in the order of their modes in the model
 };
 
@@ -62,7 +63,7 @@ class ToolReduction {
   void placeContacts(World& world, const LiveSettings& settings, const Input& input, LiveModel& model);
   bool factorize(World& world, const LiveSettings& settings, const Input& input, LiveModel& model);
   void findToolModes(const Input& input, int most, LiveBasis& basis, LiveModel& model);
-  void addInertia(const World& world, const Input& input, const LiveBasis& basis, LiveModel& model);
+  void addInertia(const World& world, const Input& input, LiveBasis& basis, LiveModel& model);
   void beginPartners(World& world, const std::vector<PartnerBasis>& partners);
   void holdPartners(const LiveSettings& settings, const std::vector<PartnerBasis>& partners);
   PartnerReduction* begunPartner(int body);
@@ -71,6 +72,7 @@ class ToolReduction {
   void addPartners(World& world, const LiveSettings& settings, const Input& input, LiveBasis& basis, LiveModel& model,
                    MatX& others);
   void addCurvature(const World& world, const LiveBasis& basis, LiveModel& model);
+  void addTurning(const LiveBasis& basis, LiveModel& model) const;
   MatX atContacts(const MatX& field) const;
   const MatX& secondDifferences(const BodyModel& tool, const LiveBasis& basis, int count);
 
@@ -82,6 +84,7 @@ class ToolReduction {
   VecX mass_;       // of each free row
   VecX forces_;     // elastic, handle's frame, all nodes
   MatX second_;     // differences of the elastic forces
+  MatX turning_;    // what stress adds to the modes' stiffness
   NearContacts near_;
   BlockColumns columns_;                 // J^T, handle's frame, by the free nodes that it acts on
   MatX gram_;                            // J A_H^-1 J^T, lower triangle

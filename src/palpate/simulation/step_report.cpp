@@ -13,6 +13,7 @@ void StepReport::append(const StepReport& part) {
   sum.converged = converged && part.converged;
   sum.passes = std::max(passes, part.passes);
   sum.motion_share = std::min(motion_share, part.motion_share);
+  sum.parts += parts;
   sum.redone += redone;
   sum.energy_corrected += energy_corrected;
   sum.corrected_share += corrected_share;

@@ -39,6 +39,7 @@ struct StepReport {
   int passes = 0;
   double penetration = 0;   ///< deepest surface point in another solid at the end of the step [m]
   double motion_share = 1;  ///< least share of a body's motion that was made; what would have crossed was held back
+  int parts = 0;            ///< in which it was taken
   int redone = 0;  ///< shorter steps in which it was done again, as in one it would not converge or cross; 0: none
   double kinetic_energy = 0, elastic_energy = 0;  ///< [J], at the end
   /// By which the energy at the end exceeds that at the start, the work of link, gravity and driven bodies, and a

@@ -441,6 +441,7 @@ void World::stepAlong(Way& way, double from, double to, StepReport& sum) {
     }
     way.good_cost += meter_.spentButForSearching() - spent + searchOperations();
     ++way.good_parts;
+    part.parts = 1;
     if (halvings > bent_) ++part.redone;
     if (input.followed.on) part.corrected_share = shareAt(done + length) - shareAt(done);
     done += length;

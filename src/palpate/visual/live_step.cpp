@@ -14,6 +14,7 @@ namespace {
 constexpr double kLongest = 6.0;                   // visual steps that a replay may bridge
 constexpr double kStrong = 3.0, kAnyway = 5.0;     // of the link's force, and [N]: with which the handle is led
 constexpr double kFarthest = 0.01;                 // that a correction may move a node [m]: more is no correction
+constexpr double kKnown = 1e-7;                    // [kg^1/2 m]: neither model nor world is known better
 constexpr double kFirst = 3.0;                     // visual steps for which the first model may be in use
 constexpr int kMostParts = 4;                      // steps in which a long way is made up for
 constexpr double kStill = 0.003, kMoving = 0.006;  // [m/s]: where all is slower, it rests; where not, it moves
@@ -137,38 +138,77 @@ void LiveVisual::forgetCorrections(const World& world, const ToolPath& way, doub
   }
 }
 
-// Its low modes in place of the world's; what that changes is the next step's to bring into the world.
-ToolShape LiveVisual::corrected(const World& world, const LiveState& replayed) {
+namespace {
+
+// By which model and world may each be off, squared, as lengths of the modes. The world's steps end with the velocity
+// that they have had all along; in the model elastic forces follow straight lines.
+struct ModalErrors {
+  double model, world;
+};
+
+ModalErrors errorsOf(const LiveModel& model, const LiveBasis& basis, const VecX& z, const VecX& speed,
+                     const VecX& force, double time, int parts) {
+  const Eigen::Index r = z.size();
+  const VecX w2 = model.squared_frequency.head(r);
+  const VecX unknown = force - basis.force + w2.cwiseProduct(z) + model.turning * z;
+  const VecX moved = unknown.array() / (w2.array() + 12.0 / (time * time));  // it grew with the square of time
+  return {moved.squaredNorm(), (0.5 * time / parts * (speed - model.speed.head(r))).squaredNorm()};
+}
+
+// On the free nodes, by the tool's modes.
+VecX elasticForces(World& world, const LiveBasis& basis) {
+  const Body tool = world.tool();
+  const VecX& forces = tool.system.forcesAhead(tool.state.positions, tool.state);
+  const Mat3 rt = tool.state.handle.pose.matrix().transpose();
+  VecX own(3 * tool.model.freeNodes());
+  for (int i = 0; i < tool.model.freeNodes(); ++i) {
+    own.segment<3>(3 * i) = rt * forces.segment<3>(3 * tool.model.free()[i]);
+  }
+  return basis.modes.transpose() * own;
+}
+
+}  // namespace
+
+// Its low modes in place of the world's, as far as they are the better known; what that changes is the next step's to
+// bring into the world.
+ToolShape LiveVisual::corrected(World& world, const LiveState& replayed, int parts) {
   ToolShape shape = toolShape(world);
   const VecX mass = freeMasses(world.tool().model);
   const LiveBasis& basis = state_.basis;
   const Eigen::Index r = basis.modes.cols();
+  const VecX z = basis.project(mass, shape.places - basis.places), speed = basis.project(mass, shape.speeds);
+  double share = settings_.feedback;
+  if (r > 0) {
+    const double time = tick_ * static_cast<double>(replayed.index - state_.model.index);
+    const ModalErrors errors =
+        errorsOf(state_.model, basis, z, speed, elasticForces(world, basis), time, std::max(1, parts));
+    share *= errors.world / (errors.world + errors.model + kKnown * kKnown);
+  }
   state_.velocity.resize(0);
-  state_.shift =
-      basis.modes * (settings_.feedback * (replayed.z.head(r) - basis.project(mass, shape.places - basis.places)));
+  state_.shift = share * (basis.modes * (replayed.z.head(r) - z));
   if (state_.shift.size() > 0 && state_.shift.cwiseAbs().maxCoeff() > kFarthest) {
     state_.shift.resize(0);
     return shape;
   }
-  state_.velocity = basis.modes * (settings_.feedback * (replayed.speed.head(r) - basis.project(mass, shape.speeds)));
+  state_.velocity = share * (basis.modes * (replayed.speed.head(r) - speed));
   shape.places += state_.shift;
   shape.speeds += state_.velocity;
-  correctPartners(world, replayed);
+  correctPartners(world, replayed, share);
   return shape;
 }
 
 // The same of the bodies that it touches.
-void LiveVisual::correctPartners(const World& world, const LiveState& replayed) {
+void LiveVisual::correctPartners(const World& world, const LiveState& replayed, double share) {
   for (const PartnerBasis& basis : state_.basis.partners) {
     const Body body = world.body(basis.body);
     const ModalMotion now = modalMotion(body, basis);
     BodyCorrection correction{basis.body, {}, {}};
-    correction.shift = basis.modes * (settings_.feedback * (basis.own(replayed.z) - now.z));
+    correction.shift = share * (basis.modes * (basis.own(replayed.z) - now.z));
     const double most = body.model.isRigid()
                             ? largestMotion(body.model.handle(), body.state.handle.pose, correction.shift)
                             : correction.shift.cwiseAbs().maxCoeff();
     if (most > kFarthest) continue;
-    correction.velocity = basis.modes * (settings_.feedback * (basis.own(replayed.speed) - now.speed));
+    correction.velocity = share * (basis.modes * (basis.own(replayed.speed) - now.speed));
     state_.others.push_back(std::move(correction));
   }
 }
@@ -224,8 +264,8 @@ VisualRecord LiveVisual::step(World& world, const HandlePath& path, const Device
   state_.others.clear();
   if (known) forgetCorrections(world, way, std::max(0.0, 1.0 - record.step.corrected_share));
   const double still = known ? stillness(world, way, now) : 0.0;
-  reduce(world, settings_, known ? corrected(world, now) : toolShape(world), still, settings.step, path.end() - 1,
-         time);
+  reduce(world, settings_, known ? corrected(world, now, record.step.parts) : toolShape(world), still, settings.step,
+         path.end() - 1, time);
   record.reduction = reduction_.times();
   record.reduction.replay = replay;
 

@@ -43,8 +43,8 @@ class LiveVisual {
   bool replayed(const Vec3& gravity, const HandlePath& path, LiveState& state);
   void forgetCorrections(const World& world, const ToolPath& way, double left);
   double stillness(const World& world, const ToolPath& way, const LiveState& replayed) const;
-  ToolShape corrected(const World& world, const LiveState& replayed);
-  void correctPartners(const World& world, const LiveState& replayed);
+  ToolShape corrected(World& world, const LiveState& replayed, int parts);
+  void correctPartners(const World& world, const LiveState& replayed, double share);
   void reduce(World& world, const LiveSettings& settings, const ToolShape& shape, double still, double step,
               std::int64_t index, double time);
 
