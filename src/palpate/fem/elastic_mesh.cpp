@@ -356,6 +356,7 @@ MatX ElasticMesh::turningStiffness(const VecX& x, const ElasticState& state, con
   using ByRows = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
   const ByRows shape = shapes;
   const Eigen::Index r = shapes.cols();
+  if (r == 0) return MatX(0, 0);
   const int count = static_cast<int>(elements_.size()), parts = partsFor(count);
   std::vector<MatX> sums(static_cast<std::size_t>(parts));
   parallelFor(parts, [&](int part) {

@@ -594,16 +594,22 @@ void ToolReduction::addCurvature(const World& world, const LiveBasis& basis, Liv
   model.curvature = atContacts(response);
 }
 
+void ToolReduction::findTurning(const BodyModel& tool, const LiveBasis& basis) {
+  const ScopedTimer timer(times_.modes);
+  turning_ = tool.elasticity().turningStiffness(positions_, elastic_, tool.row(), basis.modes);
+}
+
 // What an applied force adds to the stiffness of those modes that have a second order is in that already: it works on
 // their way. A stiffness below zero would grow without end, as the model does not know what it grows into: it is none.
 void ToolReduction::addTurning(const LiveBasis& basis, LiveModel& model) const {
   MatX turning = turning_;
+  const Eigen::Index r = basis.modes.cols();
+  if (r == 0) return model.turning.resize(0, 0);
   for (int i = 0, c = 0; i < model.second; ++i) {
     for (int j = i; j < model.second; ++j, ++c) {
       turning(j, i) += model.contact_force.dot(model.curvature.col(c));
     }
   }
-  const Eigen::Index r = basis.modes.cols();
   const VecX known = model.squared_frequency.head(r);
   turning.diagonal() += known;
   const SymmetricEigen found = symmetricEigen(turning);
@@ -640,7 +646,7 @@ LiveModel ToolReduction::reduce(World& world, const LiveSettings& settings, cons
   if (ready) {
     findToolModes(input, settings.modes, basis, model);
     addInertia(world, input, basis, model);
-    turning_ = tool.model.elasticity().turningStiffness(positions_, elastic_, tool.model.row(), basis.modes);
+    findTurning(tool.model, basis);
     model.second =
         std::max(0, std::min({settings.second_order, LiveSize::kSecond, static_cast<int>(basis.modes.cols())}));
     if (touches_ && model.second > 0) secondDifferences(tool.model, basis, model.second);

@@ -72,6 +72,7 @@ class ToolReduction {
   void addPartners(World& world, const LiveSettings& settings, const Input& input, LiveBasis& basis, LiveModel& model,
                    MatX& others);
   void addCurvature(const World& world, const LiveBasis& basis, LiveModel& model);
+  void findTurning(const BodyModel& tool, const LiveBasis& basis);
   void addTurning(const LiveBasis& basis, LiveModel& model) const;
   MatX atContacts(const MatX& field) const;
   const MatX& secondDifferences(const BodyModel& tool, const LiveBasis& basis, int count);

@@ -155,7 +155,7 @@ ModalErrors errorsOf(const LiveModel& model, const LiveBasis& basis, const VecX&
   return {moved.squaredNorm(), (0.5 * time / parts * (speed - model.speed.head(r))).squaredNorm()};
 }
 
-// On the free nodes, by the tool's modes.
+// On the tool's modes, where the world is.
 VecX elasticForces(World& world, const LiveBasis& basis) {
   const Body tool = world.tool();
   const VecX& forces = tool.system.forcesAhead(tool.state.positions, tool.state);
