@@ -39,14 +39,20 @@ TEST(LiveTick, ARigidToolIsAMassOnItsLink) {
   EXPECT_EQ(state.index, 200);
 }
 
-// One mode at 8 Hz, the handle held by a stiff link: period and decay of the scheme, (1 + dt (beta + dt) w2) z'' = ...
-TEST(LiveTick, AHeldModeSwingsAsTheSchemeSays) {
+// One mode, which the handle does not feel.
+LiveModel loneMode(double w2) {
   LiveModel m = softTool(1, 1, 0, 3);
-  m.coupling.setZero();  // what the handle does not feel
+  m.coupling.setZero();
   m.coriolis_torque[0].setZero();
-  const double w2 = 2500, dt = 0.001;
   m.squared_frequency[0] = w2;
   m.damping[0] = m.beta * w2;
+  return m;
+}
+
+// One mode at 8 Hz, the handle held by a stiff link: period and decay of the scheme, (1 + dt (beta + dt) w2) z'' = ...
+TEST(LiveTick, AHeldModeSwingsAsTheSchemeSays) {
+  const double w2 = 2500, dt = 0.001;
+  const LiveModel m = loneMode(w2);
   LiveTick tick;
   LiveState state = startState(m);
   state.z[0] = 1e-3;
@@ -66,12 +72,8 @@ TEST(LiveTick, AHeldModeSwingsAsTheSchemeSays) {
 // What stress takes off its stiffness or adds makes it slower or faster; at rest it gives way by the whole.
 TEST(LiveTick, StressIsPartOfAModesStiffness) {
   for (const double turning : {-2000.0, 3000.0}) {
-    LiveModel m = softTool(1, 1, 0, 3);
-    m.coupling.setZero();
-    m.coriolis_torque[0].setZero();
     const double w2 = 2500, dt = 0.001;
-    m.squared_frequency[0] = w2;
-    m.damping[0] = m.beta * w2;
+    LiveModel m = loneMode(w2);
     m.turning.resize(1, 1);
     m.turning(0, 0) = turning;
     LiveTick tick;

@@ -183,7 +183,7 @@ TEST(Reduction, ModesKnowTheStressThatTheyAreUnder) {
     ASSERT_GT(model.contact_force.norm(), 0.5);
     const Body tool = scene.world.tool();
     const ElasticMesh& fem = tool.model.elasticity();
-    const MatX turn = MatX(tool.state.handle.pose.matrix());
+    const Mat3 turn = tool.state.handle.pose.matrix();
     const auto forcesAt = [&](const VecX& way) {
       VecX x = tool.state.positions, f, own(way.size());
       for (int r = 0; r < tool.model.freeNodes(); ++r) {
@@ -197,9 +197,9 @@ TEST(Reduction, ModesKnowTheStressThatTheyAreUnder) {
     };
     MatX exact(6, 6);
     for (int k = 0; k < 6; ++k) {
-      const VecX way = 1e-6 / basis.modes.col(k).cwiseAbs().maxCoeff() * basis.modes.col(k);
-      exact.col(k) = basis.modes.transpose() * (forcesAt(-way) - forcesAt(way)) / 2 *
-                     basis.modes.col(k).cwiseAbs().maxCoeff() / 1e-6;
+      const double amplitude = 1e-6 / basis.modes.col(k).cwiseAbs().maxCoeff();
+      const VecX way = amplitude * basis.modes.col(k);
+      exact.col(k) = basis.modes.transpose() * (forcesAt(-way) - forcesAt(way)) / (2 * amplitude);
     }
     MatX given = model.turning;
     given.diagonal() += model.squared_frequency;
