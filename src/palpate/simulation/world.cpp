@@ -440,7 +440,6 @@ void World::stepAlong(Way& way, double from, double to, StepReport& sum) {
       continue;
     }
     way.good_cost += meter_.spentButForSearching() - spent + searchOperations();
-    ++way.good_parts;
     part.parts = 1;
     if (halvings > bent_) ++part.redone;
     if (input.followed.on) part.corrected_share = shareAt(done + length) - shareAt(done);
@@ -494,7 +493,7 @@ StepReport World::walk(Way way, int parts) {
   }
   bent_ = 0;
   state_.bending = way.path != nullptr ? bend_.end(models_, state_.bodies) / way.step : 0.0;
-  state_.part_cost = way.good_cost / std::max(way.good_parts, 1);
+  state_.part_cost = way.good_cost / std::max(report.parts, 1);
   state_.time += way.step;
   report.energy_made = energyMade(startEnergy(before, report), energy_, work_);
   if (follows) {

@@ -147,7 +147,6 @@ class World {
     const ToolPath* path = nullptr;
     bool pulled = false;   // along it by the link
     double good_cost = 0;  // of its parts that were good, in operations
-    int good_parts = 0;
   };
   struct BodyBegin {  // of a body's step
     bool good = false;
