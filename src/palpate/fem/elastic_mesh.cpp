@@ -354,32 +354,47 @@ void ElasticMesh::tensionFactors(const VecX& x, const ElasticState& state, doubl
 MatX ElasticMesh::turningStiffness(const VecX& x, const ElasticState& state, const std::vector<int>& row,
                                    const MatX& shapes) const {
   using ByRows = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
-  const ByRows shape = shapes;
-  const Eigen::Index r = shapes.cols();
+  using Four = Eigen::Array4d;
+  const Eigen::Index r = shapes.cols(), wide = (r + 3) / 4 * 4;
   if (r == 0) return MatX(0, 0);
+  ByRows shape = ByRows::Zero(shapes.rows(), wide);
+  shape.leftCols(r) = shapes;
   const int count = static_cast<int>(elements_.size()), parts = partsFor(count);
   std::vector<MatX> sums(static_cast<std::size_t>(parts));
   parallelFor(parts, [&](int part) {
     const int begin = partBegin(part, parts, count), end = partBegin(part + 1, parts, count);
     // of each element by each shape: the turn of F against R, and what it asks for
-    ByRows turns = ByRows::Zero(3 * (end - begin), r), moments(3 * (end - begin), r);
+    ByRows turns(3 * (end - begin), wide), moments(3 * (end - begin), wide);
+    std::array<Vec3, 12> lever;
+    std::array<const double*, 12> values;
     for (int n = begin; n < end; ++n) {
       const ElasticElement& e = elements_[n];
       const Mat3 rt = state.rotations[n].transpose();
       const Mat3 curvature = state.stiffness_scale * turningCurvature(e, rt * e.deformationGradient(x));
-      const Eigen::Index at = 3 * (n - begin);
+      std::size_t levers = 0;
       for (int i = 0; i < 4; ++i) {
         if (row[e.node[i]] < 0) continue;
-        const Mat3 lever = skew(e.gradient[i]) * rt;
-        for (int a = 0; a < 3; ++a)
-          for (int b = 0; b < 3; ++b) turns.row(at + a) += lever(a, b) * shape.row(3 * row[e.node[i]] + b);
+        const Mat3 own = skew(e.gradient[i]) * rt;
+        for (int b = 0; b < 3; ++b, ++levers) {
+          lever[levers] = own.col(b);
+          values[levers] = shape.row(3 * row[e.node[i]] + b).data();
+        }
       }
-      for (int a = 0; a < 3; ++a) {
-        moments.row(at + a) =
-            curvature(a, 0) * turns.row(at) + curvature(a, 1) * turns.row(at + 1) + curvature(a, 2) * turns.row(at + 2);
+      const Eigen::Index at = 3 * (n - begin);
+      for (Eigen::Index k = 0; k < wide; k += 4) {
+        std::array<Four, 3> turn = {Four::Zero(), Four::Zero(), Four::Zero()};
+        for (std::size_t j = 0; j < levers; ++j) {
+          const Four value = Four::Map(values[j] + k);
+          for (int a = 0; a < 3; ++a) turn[a] += lever[j][a] * value;
+        }
+        for (int a = 0; a < 3; ++a) {
+          Four::Map(turns.row(at + a).data() + k) = turn[a];
+          Four::Map(moments.row(at + a).data() + k) =
+              curvature(a, 0) * turn[0] + curvature(a, 1) * turn[1] + curvature(a, 2) * turn[2];
+        }
       }
     }
-    sums[static_cast<std::size_t>(part)] = turns.transpose() * moments;
+    sums[static_cast<std::size_t>(part)] = (turns.transpose() * moments).topLeftCorner(r, r);
   });
   MatX out = MatX::Zero(r, r);
   for (const MatX& sum : sums) out += sum;

@@ -38,14 +38,21 @@ VecX squaredFrequencies(const ModalProblem& problem, const VecX& values) {
 // Ritz vectors of A in the space of these columns, if A M^-1 leads hardly out of it: none otherwise.
 // @param columns  mass-normalized
 std::optional<Modes> stillModes(const ModalProblem& problem, const MatX& columns) {
-  const MatX momentum = problem.momentum(columns), forces = problem.matrix->multiplyColumns(columns);
-  const MatX a = columns.transpose() * forces;
-  const MatX left = forces - momentum * a;
+  constexpr Eigen::Index kAtOnce = 4;  // where some move, the first ones mostly tell
+  const Eigen::Index count = columns.cols();
+  const MatX momentum = problem.momentum(columns);
   const VecX diagonal = problem.matrix->diagonal();
-  for (Eigen::Index k = 0; k < columns.cols(); ++k) {
-    // about what the inverse would make of it, in the energy of A
-    const double off = left.col(k).cwiseAbs2().cwiseQuotient(diagonal).sum();
-    if (!(off < kStill * kStill * a(k, k))) return std::nullopt;
+  MatX a(count, count);
+  for (Eigen::Index first = 0; first < count; first += kAtOnce) {
+    const Eigen::Index some = std::min(kAtOnce, count - first);
+    const MatX forces = problem.matrix->multiplyColumns(columns.middleCols(first, some));
+    a.middleCols(first, some) = columns.transpose() * forces;
+    const MatX left = forces - momentum * a.middleCols(first, some);
+    for (Eigen::Index k = 0; k < some; ++k) {
+      // about what the inverse would make of it, in the energy of A
+      const double off = left.col(k).cwiseAbs2().cwiseQuotient(diagonal).sum();
+      if (!(off < kStill * kStill * a(first + k, first + k))) return std::nullopt;
+    }
   }
   const SymmetricEigen ritz = symmetricEigen(a, MatX(columns.transpose() * momentum));
   return Modes{columns * ritz.vectors, squaredFrequencies(problem, ritz.values)};

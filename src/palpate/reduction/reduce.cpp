@@ -608,13 +608,17 @@ void ToolReduction::addTurning(const LiveBasis& basis, LiveModel& model) const {
   for (int i = 0, c = 0; i < model.second; ++i) {
     for (int j = i; j < model.second; ++j, ++c) {
       turning(j, i) += model.contact_force.dot(model.curvature.col(c));
+      turning(i, j) = turning(j, i);
     }
   }
   const VecX known = model.squared_frequency.head(r);
-  turning.diagonal() += known;
-  const SymmetricEigen found = symmetricEigen(turning);
-  turning = found.vectors * found.values.cwiseMax(0.0).asDiagonal() * found.vectors.transpose();
-  turning.diagonal() -= known;
+  MatX whole = turning;
+  whole.diagonal() += known;
+  if (!isPositiveDefinite(whole)) {
+    const SymmetricEigen found = symmetricEigen(whole);
+    turning = found.vectors * found.values.cwiseMax(0.0).asDiagonal() * found.vectors.transpose();
+    turning.diagonal() -= known;
+  }
   model.turning = turning;
 }
 
