@@ -43,13 +43,19 @@ VecX SymmetricBlockMatrix::multiply(const VecX& x) const { return multiplyColumn
 MatX SymmetricBlockMatrix::multiplyColumns(const MatX& x) const {
   assert(x.rows() == 3 * size);
   using Rows = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+  using Four = Eigen::Array4d;
   const Rows from = x;
   Rows to = Rows::Zero(from.rows(), from.cols());
   const Eigen::Index columns = from.cols();
   const auto add = [columns](const double* a, int down, int right, const double* p, double* q) {
     for (int i = 0; i < 3; ++i) {
       const double b0 = a[i * down], b1 = a[i * down + right], b2 = a[i * down + 2 * right];
-      for (Eigen::Index c = 0; c < columns; ++c) {
+      Eigen::Index c = 0;
+      for (; c + 4 <= columns; c += 4) {
+        Four::Map(q + i * columns + c) +=
+            b0 * Four::Map(p + c) + b1 * Four::Map(p + columns + c) + b2 * Four::Map(p + 2 * columns + c);
+      }
+      for (; c < columns; ++c) {
         q[i * columns + c] += b0 * p[c] + b1 * p[columns + c] + b2 * p[2 * columns + c];
       }
     }
