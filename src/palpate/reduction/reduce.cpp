@@ -542,8 +542,7 @@ const MatX& ToolReduction::secondDifferences(const BodyModel& tool, const LiveBa
       for (int i = 0; i < tool.freeNodes(); ++i) x.segment<3>(3 * tool.free()[i]) += sign * d.segment<3>(3 * i);
       elastic.rotations = elastic_.rotations;
       elastic.released = elastic_.released;
-      fem.updateRotations(x, elastic);
-      fem.forces(x, elastic, forces);
+      fem.turnedForces(x, elastic, forces);
       for (int i = 0; i < tool.freeNodes(); ++i) {
         const Eigen::Index node = 3 * tool.free()[i];
         sum.segment<3>(3 * i) += forces.segment<3>(node) - forces_.segment<3>(node);
