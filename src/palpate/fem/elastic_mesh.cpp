@@ -249,19 +249,6 @@ void ElasticMesh::forces(const VecX& x, const ElasticState& state, VecX& f) cons
   addFlat(flatOnes(x, thin, state.released, state.rotations), state.rotations, state.stiffness_scale, f);
 }
 
-void ElasticMesh::turnedForces(const VecX& x, ElasticState& state, VecX& f) const {
-  f.setZero(3 * nodes());
-  std::vector<int> thin;
-  turnToFit(x, 0, static_cast<int>(elements_.size()), state.rotations, [&](int i, const Mat3& gradient) {
-    const ElementForces own = forcesOf(elements_[i], state.stiffness_scale, state.rotations[i], gradient);
-    add(elements_[i], own, f);
-    if (own.thin) thin.push_back(i);
-  });
-  updateReleased(x, thin, state.released);
-  state.flat = flatOnes(x, thin, state.released, state.rotations);
-  addFlat(state.flat, state.rotations, state.stiffness_scale, f);
-}
-
 double ElasticMesh::energy(const VecX& x, const ElasticState& state) const {
   double sum = 0;
   std::vector<int> thin;

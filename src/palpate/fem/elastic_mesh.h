@@ -103,8 +103,6 @@ class ElasticMesh {
   void updateRotations(const VecX& x, ElasticState& state) const;
   /// Elastic forces at x with the state's rotations; overwrites f [3 nodes].
   void forces(const VecX& x, const ElasticState& state, VecX& f) const;
-  /// updateRotations() and forces() in one.
-  void turnedForces(const VecX& x, ElasticState& state, VecX& f) const;
   /// Elastic energy at x with the state's rotations [J]; its gradient is -forces once the rotations are those of x.
   double energy(const VecX& x, const ElasticState& state) const;
   /// Elastic energy at x with the rotations of x [J], which stay in `ahead` with their forces and what is released

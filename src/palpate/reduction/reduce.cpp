@@ -535,17 +535,15 @@ const MatX& ToolReduction::secondDifferences(const BodyModel& tool, const LiveBa
   const ElasticMesh& fem = tool.elasticity();
   // f(y + d) + f(y - d) - 2 f(y) of the free rows
   const auto bend = [&](const VecX& d) {
-    ElasticState elastic = elastic_;
-    VecX forces, sum = VecX::Zero(d.size());
+    ElasticAhead ahead;
+    VecX sum = VecX::Zero(d.size());
     for (const double sign : {1.0, -1.0}) {
       VecX x = positions_;
       for (int i = 0; i < tool.freeNodes(); ++i) x.segment<3>(3 * tool.free()[i]) += sign * d.segment<3>(3 * i);
-      elastic.rotations = elastic_.rotations;
-      elastic.released = elastic_.released;
-      fem.turnedForces(x, elastic, forces);
+      fem.energyAt(x, elastic_, ahead);
       for (int i = 0; i < tool.freeNodes(); ++i) {
         const Eigen::Index node = 3 * tool.free()[i];
-        sum.segment<3>(3 * i) += forces.segment<3>(node) - forces_.segment<3>(node);
+        sum.segment<3>(3 * i) += ahead.forces.segment<3>(node) - forces_.segment<3>(node);
       }
     }
     return sum;
