@@ -26,7 +26,7 @@ from harness import CASES, Context, Failure, Skip
 
 SKIPPED = 77  # exit code
 STALL = 0.02  # s: a thread that wants to run waits longer than this on a machine that has no time for a case
-TRIES = 3
+TRIES = 5
 
 
 class Stalls(threading.Thread):

@@ -4,6 +4,7 @@ import json
 import math
 import os
 import pathlib
+import re
 import signal
 import subprocess
 import sys
@@ -211,9 +212,13 @@ def fails(name, fault, judge, duration=1.6, code=0, options=(), step=6.0, **devi
 
 
 def lost(times, note=""):
+    """So often, and once more for each answer that the program says was late: a busy machine makes its own."""
+
     def judge(summary, log, _):
         hardware = summary["hardware"]
-        expect(hardware["losses"] == times if times < 2 else hardware["losses"] >= times, f"lost {hardware['losses']} times and not {times}: {hardware}")
+        late = re.search(r"answers later than 50 ms(?: \((\d+) times\))?", " ".join(hardware["notes"]))
+        most = math.inf if times > 1 else times + (int(late[1] or 1) if late and note not in late[0] else 0)
+        expect(times <= hardware["losses"] <= most, f"lost {hardware['losses']} times and not {times}: {hardware}")
         expect(note in " ".join(hardware["notes"]), f"no {note!r} in {hardware['notes']}")
         expect(log["non_zero_while_away"] <= 4, f"{log['non_zero_while_away']} forces while there was no device")
 
