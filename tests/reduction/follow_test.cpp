@@ -180,6 +180,29 @@ TEST(Follow, APulledStepBringsNoCorrection) {
   }
 }
 
+// Led 4 cm into the ground in a step, by who may push with 1 N, a tool is pulled instead, in parts as long as they
+// would have been: what was tried leaves nothing behind but the order of a factor.
+TEST(Follow, WhatContactResistsIsPulled) {
+  Held held(0.001);
+  Vec6 down = Vec6::Zero();
+  down[2] = -0.04 / kStep;
+  ToolPath path = straight(held.world.tool().state.handle.pose, down, kStep);
+  path.largest_force = 1.0;
+  WorldState start = held.world.state();
+  start.pulled_steps = 1;
+  held.world.restore(start);
+  const StepReport pulled = held.world.follow(path, kStep);
+  const WorldState expected = held.world.state();
+  ASSERT_GT(pulled.active, 0);
+  start.pulled_steps = 0;
+  held.world.restore(start);
+  const StepReport report = held.world.follow(path, kStep);
+  EXPECT_GT(held.world.state().pulled_after, 0);
+  EXPECT_EQ(report.parts, pulled.parts);
+  EXPECT_LT((held.world.tool().state.positions - expected.bodies[0].positions).cwiseAbs().maxCoeff(), 1e-9);
+  EXPECT_LT((held.world.tool().state.velocities - expected.bodies[0].velocities).cwiseAbs().maxCoeff(), 1e-6);
+}
+
 // Pressed on the ground, a tool is to be stretched again by what presses it: the ground does not let it, and the energy
 // that this would have taken away is not made.
 TEST(Follow, ABlockedCorrectionMakesNoEnergy) {

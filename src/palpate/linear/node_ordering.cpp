@@ -123,9 +123,6 @@ class Orderings {
   std::vector<int> constrained(std::vector<int> set) {
     return run([&](int* order) { return cholmod_camd(&matrix_, nullptr, 0, set.data(), order, &common_) != 0; });
   }
-  std::vector<int> minimumDegree() {
-    return run([&](int* order) { return cholmod_amd(&matrix_, nullptr, 0, order, &common_) != 0; });
-  }
   std::vector<int> metis() {
     const OneAtATime alone(metis_is_busy);
     return run([&](int* order) { return cholmod_metis(&matrix_, nullptr, 0, 1, order, &common_) != 0; });
@@ -225,6 +222,10 @@ class Cheapest {
   NodeOrdering& best_;
 };
 
+// Nodes from which another method may find a better order than CAMD; looking for it costs as much as a few
+// factorizations (docs/sparse-factorization.md).
+constexpr int kDissected = 200, kLarge = 400;
+
 }  // namespace
 
 NodeOrdering orderNodes(const SymmetricBlockMatrix& pattern, std::span<const int> last) {
@@ -239,9 +240,10 @@ NodeOrdering orderNodes(const SymmetricBlockMatrix& pattern, std::span<const int
     for (std::size_t i = 0; i < rank.size(); ++i) set[i] = rank[i] + 1;
     cheapest.consider(Orderings(whole).constrained(std::move(set)), "camd");
     Orderings orderings(interior.graph);
-    cheapest.considerInner(interior.nodes, orderings.minimumDegree(), "amd");
-    cheapest.considerInner(interior.nodes, orderings.metis(), "metis");
-    cheapest.considerInner(interior.nodes, orderings.nestedDissection(), "nested-dissection");
+    if (pattern.size >= kDissected) {
+      cheapest.considerInner(interior.nodes, orderings.nestedDissection(), "nested-dissection");
+    }
+    if (pattern.size >= kLarge) cheapest.considerInner(interior.nodes, orderings.metis(), "metis");
   }
   if (best.name.empty()) {
     std::vector<int> natural = interior.nodes;

@@ -41,6 +41,7 @@ void BodySystem::predict(const std::vector<Contact>& contacts, const ContactRows
   Vec6 on_handle;
   v_end_ = v_free_;
   u_end_ = u_free_;
+  resisting_ = 0;
   if (!addImpulses(contacts, own, self, impulse, on_handle)) return;
   if (!model_->free().empty()) solve(prediction_);
   v_end_ += prediction_.col(0);
@@ -228,6 +229,7 @@ void BodySystem::applyImpulse(const std::vector<Contact>& contacts, const BodyCo
                               const VecX& lambda) {
   v_end_ = v_free_;
   u_end_ = u_free_;
+  resisting_ = 0;
   if (!addImpulses(contacts, rows, self, lambda, on_handle_)) return;
   if (!model_->free().empty() && nodes_last_) {
     on_trailing_.resize(static_cast<Eigen::Index>(3 * order_.last_nodes.size()));
@@ -245,7 +247,9 @@ void BodySystem::applyImpulse(const std::vector<Contact>& contacts, const BodyCo
     v_end_ += prediction_.col(0);
   }
   if (model_->framed()) {
-    const Vec6 du = s_inverse_ * (rows.z * rows.gather(lambda));
+    const Vec6 impulse = rows.z * rows.gather(lambda);
+    resisting_ = impulse.head<3>().norm() / input_.step;
+    const Vec6 du = s_inverse_ * impulse;
     u_end_ += du;
     v_end_ -= x_th_ * du;
   }

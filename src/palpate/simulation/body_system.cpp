@@ -469,7 +469,7 @@ void BodySystem::addLink(Vec6& wrench) {
                                      h * h * input_.link.rotational_stiffness * 0.5 * (jacobian + jacobian.transpose());
 }
 
-bool BodySystem::contactNodesFit(const std::vector<int>& needed) {
+OrderFit BodySystem::contactNodesFit(const std::vector<int>& needed) {
   FactorOrder& order = state_->order;
   if (order.chosen && !isAnalyzed(order)) analyze(order);
   int missing = 0;
@@ -485,7 +485,8 @@ bool BodySystem::contactNodesFit(const std::vector<int>& needed) {
   constexpr int kPatience = 20;  // steps
   const bool surplus = static_cast<int>(order.last_nodes.size()) > 3 * free + kSlack;
   order.surplus_steps = surplus ? order.surplus_steps + 1 : 0;
-  return order.chosen && (missing == 0 || !nodes_last_) && order.surplus_steps < kPatience;
+  if (!order.chosen || order.surplus_steps >= kPatience) return OrderFit::outdated;
+  return missing > 0 && nodes_last_ ? OrderFit::lacks : OrderFit::good;
 }
 
 bool BodySystem::lacksNodes(const ContactPoint& point, int self) const {
@@ -507,7 +508,6 @@ void BodySystem::addContactNodes(const std::vector<int>& nodes) {
   constexpr double kDearer = 1.3;  // times the operations of the order that was sought
   FactorOrder& order = state_->order;
   appendContactNodes(nodes);
-  order.surplus_steps = 0;
   analyze(order);
   if (!nodes_last_ || factor_.statistics().flops < kDearer * factor_.statistics().sought_flops) return;
   order.sought = static_cast<int>(order.last_nodes.size());
@@ -590,6 +590,7 @@ void BodySystem::solveFree() {
   v_end_ = v_free_;
   u_end_ = u_free_;
   on_handle_.setZero();
+  resisting_ = 0;
 }
 
 // From the step's own equations, so that momentum adds up to rounding: for a fixed node with the velocity v
@@ -723,6 +724,11 @@ Vec6 BodySystem::wrenchOnHandle(const BodyState& end) const {
 Vec3 BodySystem::leadingForce(const BodyState& end) const {
   const Vec3 gained = (end.handle.twist - start_.twist).head<3>() / input_.step;
   return handle().mass * (gained - input_.gravity) - wrenchOnHandle(end).head<3>();
+}
+
+bool BodySystem::resists() const {
+  constexpr double kFar = 2.0;  // of what it may: with less, the tool's inertia and elasticity decide
+  return follows() && resisting_ > kFar * input_.followed.largest_force;
 }
 
 bool BodySystem::advance() {

@@ -54,6 +54,13 @@ struct StepInput {
   double end_time = 0;  ///< of the world at the end of the step [s]: attachments may be driven
 };
 
+/// How the order of a body's factor suits the nodes that contact may touch.
+enum class OrderFit {
+  good,
+  lacks,     ///< some of them are not last
+  outdated,  ///< there is none, or far more have been last for long
+};
+
 /// The linear system of one body's semi-implicit backward Euler step, and its scratch. It holds nothing that the next
 /// step depends on.
 ///
@@ -98,14 +105,14 @@ class BodySystem {
   void assemble(const StepInput& input, BodyState& state, const BodyCorrection* correction = nullptr);
   /// Whether the factor's order still suits contact on these nodes: it has them last, and not for long far too many
   /// others; or it suits contact anywhere, and there has not been far less of it for long.
-  bool contactNodesFit(const std::vector<int>& needed);
+  OrderFit contactNodesFit(const std::vector<int>& needed);
   /// Whether a point of body `self` needs nodes that should be ordered last and are not.
   bool lacksNodes(const ContactPoint& point, int self) const;
   /// Orders the given nodes last in the factor, so that contact on them is cheap; where they are so many that their
   /// dense block would cost more than it saves, none is (docs/sparse-factorization.md). A new symbolic analysis: rare.
   void orderContactNodes(const std::vector<int>& nodes);
-  /// The same in the middle of a step for nodes besides those that are last: they are moved to the end, which takes no
-  /// search, unless that makes the factor much dearer.
+  /// The same for nodes besides those that are last: they are moved to the end, which takes no search, unless that
+  /// makes the factor much dearer.
   void addContactNodes(const std::vector<int>& nodes);
   /// Numeric factorization, in the order that the state says. @returns false if A_tt is not positive definite or not
   /// finite.
@@ -190,6 +197,9 @@ class BodySystem {
   /// What who leads the handle along a path pushes it with: against the tool, and for its own weight and what it gains
   /// in speed, which a link would have to bring too [N], world.
   Vec3 leadingForce(const BodyState& end) const;
+  /// Whether contact alone, by the impulses applied last, resists by far more than the tool may that is led along a
+  /// path.
+  bool resists() const;
   /// What each attachment did to the body in the step that was just taken: with gravity, link and contact impulses it
   /// makes up the change of the body's momentum. In the order of the model's attachments.
   std::vector<AttachmentForce> attachmentForces() const;
@@ -319,6 +329,7 @@ class BodySystem {
   Vec6 b_h_ = Vec6::Zero();
   VecX v_free_, v_end_, impulse_response_, on_trailing_;
   Vec6 on_handle_ = Vec6::Zero();  // contact impulses on the handle, of the last applyImpulse() [N s; N m s]
+  double resisting_ = 0;           // force of contact, also through the tool, by the same [N]
   VecX anchors_;                   // at the end of the step, 3 a node [m]
   VecX on_fixed_;                  // contact impulses on fixed nodes, 3 a node; empty: none are fixed [N s]
   VecX on_glued_;                  // the same of what its own nodes are glued with; empty: none are

@@ -18,7 +18,7 @@ void ContactSet::begin(const std::vector<int>& moving) {
   }
   solver = ContactSolverReport::nothing();
   promising = 1;
-  given_up = false;
+  given_up = resisted = false;
   passes = 0;
   candidates = 0;
   penetration = 0;

@@ -37,6 +37,7 @@ struct ContactSet {
   ContactSolverReport solver;  ///< worst of the islands
   double promising = 1;        ///< share of the step before so much would cross that passes hardly mend it
   bool given_up = false;       ///< looking for contacts would have cost more than was allowed
+  bool resisted = false;       ///< a tool that is led along a path met more than it is led through; so far as it got
 
   /// Empty, for these bodies; keeps memory.
   void begin(const std::vector<int>& moving);

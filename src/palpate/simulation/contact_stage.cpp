@@ -51,6 +51,10 @@ bool ContactStage::solve(const MovingBodies& bodies, const ContactInput& input, 
     if (!set_.contacts.empty()) {
       if (!solvePass(bodies, input, work, memory)) return false;
       iterations += set_.solver.iterations;
+      if (input.share > 0 && resisted(bodies)) {
+        set_.resisted = true;
+        break;
+      }
     }
     if (!search(bodies, input, work)) {
       set_.given_up = true;
@@ -79,6 +83,15 @@ bool ContactStage::solve(const MovingBodies& bodies, const ContactInput& input, 
   set_.solver.iterations = iterations;
   remember(h, settings, memory);
   return true;
+}
+
+// Whether a tool that is led meets what it is not led through, which no search need find out: more contacts make it no
+// less.
+bool ContactStage::resisted(const MovingBodies& bodies) {
+  for (int b = 0; b < bodies.size(); ++b) {
+    if (bodies[b].resists()) return true;
+  }
+  return false;
 }
 
 // Where the bodies will be if the contacts of the step before go on as they were: a far better guess than free motion,

@@ -64,6 +64,7 @@ class ContactStage {
   double largestChange() const;
   double promisingShare(int places);
   static int mostNew(const MovingBodies& bodies);
+  static bool resisted(const MovingBodies& bodies);
   void capRecovery(double h, double speed);
   void judge(const ContactSettings& settings);
   // solving

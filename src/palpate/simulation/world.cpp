@@ -169,9 +169,14 @@ void World::orderContactNodes(int i, double h, std::vector<int>& nearby) {
   nearby.clear();
   state_.contacts.touchedNodes(i, models_[i]->nodes(), nearby);
   finder.nearbyNodes(x, obstacles, 0.02 * edge, nearby);
-  if (body.contactNodesFit(nearby)) return;
+  const OrderFit fit = body.contactNodesFit(nearby);
+  if (fit == OrderFit::good) return;
   finder.nearbyNodes(x, obstacles, 0.08 * edge, nearby);
-  body.orderContactNodes(nearby);
+  if (fit == OrderFit::lacks) {
+    body.addContactNodes(nearby);
+  } else {
+    body.orderContactNodes(nearby);
+  }
 }
 
 // A and b of one body, their factor, and its motion without contact.
@@ -284,7 +289,8 @@ StepReport World::stepBodies(const std::vector<int>& moving, const StepInput& in
   const bool all_or_none = ending == Ending::free;
   bool good = (begun || !all_or_none) && solveContacts(share, report);
   if (all_or_none)
-    good = good && report.status == StepStatus::ok && !stage_.result().crossing && !stage_.result().given_up;
+    good = good && report.status == StepStatus::ok && !stage_.result().crossing && !stage_.result().given_up &&
+           !stage_.result().resisted;
   if (good && ending != Ending::stay) good = advance(report);
   if (!good && all_or_none) {
     report.status = StepStatus::restored;
