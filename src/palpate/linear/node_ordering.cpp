@@ -171,29 +171,22 @@ Pairs couplingsOf(const SymmetricBlockMatrix& pattern, std::span<const int> last
 }
 
 /// The nodes that are not last.
-struct Interior {
+std::vector<int> interiorOf(const std::vector<int>& rank) {
   std::vector<int> nodes;
-  Graph graph;  // of places in `nodes`
+  for (std::size_t i = 0; i < rank.size(); ++i)
+    if (rank[i] < 0) nodes.push_back(static_cast<int>(i));
+  return nodes;
+}
 
-  Interior(const Pairs& couplings, const std::vector<int>& rank)
-      : nodes(nodesOf(rank)), graph(static_cast<int>(nodes.size()), pairsOf(couplings, nodes, rank.size())) {}
-
- private:
-  static std::vector<int> nodesOf(const std::vector<int>& rank) {
-    std::vector<int> nodes;
-    for (std::size_t i = 0; i < rank.size(); ++i)
-      if (rank[i] < 0) nodes.push_back(static_cast<int>(i));
-    return nodes;
-  }
-  static Pairs pairsOf(const Pairs& couplings, const std::vector<int>& nodes, std::size_t all) {
-    std::vector<int> local(all, -1);
-    for (std::size_t k = 0; k < nodes.size(); ++k) local[nodes[k]] = static_cast<int>(k);
-    Pairs pairs;
-    for (const auto& [i, j] : couplings)
-      if (local[i] >= 0 && local[j] >= 0) pairs.emplace_back(local[i], local[j]);
-    return pairs;
-  }
-};
+/// Of places in `nodes`, which are some of `all`.
+Graph graphAmong(const std::vector<int>& nodes, const Pairs& couplings, std::size_t all) {
+  std::vector<int> local(all, -1);
+  for (std::size_t k = 0; k < nodes.size(); ++k) local[nodes[k]] = static_cast<int>(k);
+  Pairs pairs;
+  for (const auto& [i, j] : couplings)
+    if (local[i] >= 0 && local[j] >= 0) pairs.emplace_back(local[i], local[j]);
+  return Graph(static_cast<int>(nodes.size()), pairs);
+}
 
 /// Keeps in `best` the ordering that takes the fewest operations; of equals the first.
 class Cheapest {
@@ -233,20 +226,21 @@ NodeOrdering orderNodes(const SymmetricBlockMatrix& pattern, std::span<const int
   NodeOrdering best;
   best.couplings = couplingsOf(pattern, last, rank);
   Graph whole(pattern.size, best.couplings);
-  Interior interior(best.couplings, rank);
+  const std::vector<int> interior = interiorOf(rank);
   Cheapest cheapest(whole, last, best);
-  if (!interior.nodes.empty()) {
+  if (!interior.empty()) {
     std::vector<int> set(rank.size());
     for (std::size_t i = 0; i < rank.size(); ++i) set[i] = rank[i] + 1;
     cheapest.consider(Orderings(whole).constrained(std::move(set)), "camd");
-    Orderings orderings(interior.graph);
-    if (pattern.size >= kDissected) {
-      cheapest.considerInner(interior.nodes, orderings.nestedDissection(), "nested-dissection");
-    }
-    if (pattern.size >= kLarge) cheapest.considerInner(interior.nodes, orderings.metis(), "metis");
+  }
+  if (!interior.empty() && pattern.size >= kDissected) {
+    Graph inner = graphAmong(interior, best.couplings, rank.size());
+    Orderings orderings(inner);
+    cheapest.considerInner(interior, orderings.nestedDissection(), "nested-dissection");
+    if (pattern.size >= kLarge) cheapest.considerInner(interior, orderings.metis(), "metis");
   }
   if (best.name.empty()) {
-    std::vector<int> natural = interior.nodes;
+    std::vector<int> natural = interior;
     natural.insert(natural.end(), last.begin(), last.end());
     cheapest.consider(natural, "natural");
   }

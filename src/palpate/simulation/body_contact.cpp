@@ -41,7 +41,6 @@ void BodySystem::predict(const std::vector<Contact>& contacts, const ContactRows
   Vec6 on_handle;
   v_end_ = v_free_;
   u_end_ = u_free_;
-  resisting_ = 0;
   if (!addImpulses(contacts, own, self, impulse, on_handle)) return;
   if (!model_->free().empty()) solve(prediction_);
   v_end_ += prediction_.col(0);

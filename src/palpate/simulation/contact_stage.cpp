@@ -85,8 +85,8 @@ bool ContactStage::solve(const MovingBodies& bodies, const ContactInput& input, 
   return true;
 }
 
-// Whether a tool that is led meets what it is not led through, which no search need find out: more contacts make it no
-// less.
+// Whether a tool that is led meets what it is not led through, which no search need find out: more contacts hardly make
+// it less.
 bool ContactStage::resisted(const MovingBodies& bodies) {
   for (int b = 0; b < bodies.size(); ++b) {
     if (bodies[b].resists()) return true;
