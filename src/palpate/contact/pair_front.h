@@ -21,6 +21,7 @@ class PairFront {
   }
   /// There was a search, and what it left is kept.
   bool known() const { return roots_size_ > 0; }
+  std::size_t size() const { return pairs_.size(); }
   /// Calls visit(node, node) for the pairs that may be within reach where the surfaces now start.
   /// @param moved  since the last search, as for moved() [m]
   template <class Visit>

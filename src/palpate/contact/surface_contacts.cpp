@@ -5,6 +5,7 @@
 #include <limits>
 #include <stdexcept>
 
+#include "palpate/common/parallel.h"
 #include "palpate/contact/feature_distance.h"
 #include "palpate/contact/nearest_place.h"
 #include "palpate/contact/neighbor_exclusion.h"
@@ -140,6 +141,7 @@ void SurfaceContacts::addBody(int body, const SimulationMesh& mesh, bool self) {
   }
   items_.push_back(std::move(item));
   pairs_.resize(items_.size() * (items_.size() - 1) / 2);
+  groupSelves();
 }
 
 void SurfaceContacts::addObstacle(int obstacle, const Surface& surface) {
@@ -653,16 +655,16 @@ bool SurfaceContacts::slidesOff(Contact& contact) const {
 
 // A path that runs into the other surface tells little about what comes after: edges that hit late do so from odd
 // sides, and what is near at its end is near from within. Those wait for the next pass, whose path stops at the first.
-void SurfaceContacts::keepDependable() {
+void SurfaceContacts::keepDependable(std::vector<FeaturePair>& found) const {
   constexpr double kTogether = 0.05;  // of the step
   // A tool that was corrected may be in what it touches, by micrometers: on its way out it is not to be held.
-  if (finder_.ahead()) std::erase_if(found_, [](const FeaturePair& p) { return p.from_inside; });
+  if (finder_.ahead()) std::erase_if(found, [](const FeaturePair& p) { return p.from_inside; });
   double first = 1.0;
-  for (const FeaturePair& p : found_) {
+  for (const FeaturePair& p : found) {
     if (p.hit) first = std::min(first, p.toi);
   }
   const bool hits = first < 1.0;
-  std::erase_if(found_, [&](const FeaturePair& p) {
+  std::erase_if(found, [&](const FeaturePair& p) {
     if (!p.hit) return p.from_inside || (hits && p.reference_time == 1);
     if (p.toi <= first + kTogether) return false;
     return p.from_inside || p.kind == FeaturePair::Kind::edge_edge;
@@ -696,15 +698,67 @@ void SurfaceContacts::findOverlapping(const ContactSettings& settings, const Fri
   }
 }
 
+// Which surfaces are searched together depends on their sizes alone: what is given up must be the same on any number of
+// threads.
+void SurfaceContacts::groupSelves() {
+  std::vector<std::size_t> selves;
+  for (std::size_t i = 0; i < items_.size(); ++i) {
+    if (items_[i].self) selves.push_back(i);
+  }
+  const auto clusters = [&](std::size_t i) { return items_[i].surface.clusters(); };
+  std::stable_sort(selves.begin(), selves.end(),
+                   [&](std::size_t i, std::size_t j) { return clusters(i) > clusters(j); });
+  for (SelfGroup& group : groups_) {
+    group.items.clear();
+    group.clusters = 0;
+  }
+  for (const std::size_t i : selves) {
+    SelfGroup& least = *std::min_element(
+        groups_.begin(), groups_.end(), [](const SelfGroup& p, const SelfGroup& q) { return p.clusters < q.clusters; });
+    least.items.push_back(i);
+    least.clusters += clusters(i);
+  }
+}
+
+// Pairs within each surface, into its item; at the same time, unless one surface is most of the work.
+void SurfaceContacts::searchSelves(double reach, int body) {
+  const auto wanted = [&](std::size_t i) { return body < 0 || items_[i].body == body; };
+  const auto work = [&](int k) {
+    double pairs = 0;
+    for (const std::size_t i : groups_[static_cast<std::size_t>(k)].items) {
+      if (wanted(i)) pairs += static_cast<double>(items_[i].front.size() + items_[i].surface.nodes().size());
+    }
+    return pairs;
+  };
+  const double allowed = allowed_ - tested_;
+  for (SelfGroup& group : groups_) group.finder.allow(allowed);
+  parallelByWeight(static_cast<int>(groups_.size()), work, [&](int k) {
+    SelfGroup& group = groups_[static_cast<std::size_t>(k)];
+    for (const std::size_t i : group.items) {
+      Item& item = items_[i];
+      refit(item);
+      item.found.clear();
+      if (wanted(i)) group.finder.findSelf(item.surface, item.exclusion, reach, item.found, &item.front);
+    }
+  });
+  for (const SelfGroup& group : groups_) account(group.finder);
+}
+
+void SurfaceContacts::account(const SurfacePairFinder& finder) {
+  tested_ += finder.tested();
+  gave_up_ = gave_up_ || finder.gaveUp() || tested_ > allowed_;
+}
+
 void SurfaceContacts::find(const ContactSettings& settings, const FrictionTable& friction, std::vector<Contact>& out,
                            int body) {
   const auto wanted = [&](const Item& item) { return body < 0 || item.body == body; };
+  for (Item& item : items_) {
+    if (item.self) item.front.moved(relativeMotion(item.moved, item.moved));
+  }
+  searchSelves(settings.surfaceReach(), body);
   for (Item& item : items_) refit(item);
   for (std::size_t b = 0; b < items_.size(); ++b) {
-    if (items_[b].self) {
-      items_[b].front.moved(relativeMotion(items_[b].moved, items_[b].moved));
-      if (wanted(items_[b])) findSelf(b, settings, friction, out);
-    }
+    if (items_[b].self && wanted(items_[b])) addSelf(b, settings, friction, out);
     for (std::size_t a = 0; a < b; ++a) {
       if (items_[a].body < 0 && items_[b].body < 0) continue;
       // the first one moves
@@ -717,23 +771,24 @@ void SurfaceContacts::find(const ContactSettings& settings, const FrictionTable&
   for (Item& item : items_) item.moved = {};
 }
 
-void SurfaceContacts::findSelf(std::size_t i, const ContactSettings& settings, const FrictionTable& friction,
-                               std::vector<Contact>& out) {
+void SurfaceContacts::addSelf(std::size_t i, const ContactSettings& settings, const FrictionTable& friction,
+                              std::vector<Contact>& out) {
   Item& item = items_[i];
-  found_.clear();
-  finder_.findSelf(item.surface, item.exclusion, settings.surfaceReach(), found_, &item.front);
   const double mu = friction(id(item), id(item));
-  keepDependable();
-  std::erase_if(found_, [&](const FeaturePair& p) { return inTangle(item, p); });
-  for (const FeaturePair& p : found_) add(i, i, p, settings, mu, false, out);
+  keepDependable(item.found);
+  std::erase_if(item.found, [&](const FeaturePair& p) { return inTangle(item, p); });
+  for (const FeaturePair& p : item.found) add(i, i, p, settings, mu, false, out);
 }
 
 void SurfaceContacts::findPair(std::size_t first, std::size_t second, PairState& state, const ContactSettings& settings,
                                const FrictionTable& friction, std::vector<Contact>& out) {
+  if (gave_up_) return;
   found_.clear();
+  finder_.allow(allowed_ - tested_);
   finder_.find(items_[first].surface, items_[second].surface, settings.surfaceReach(), found_, &state.front,
                state.leftOut());
-  keepDependable();
+  account(finder_);
+  keepDependable(found_);
   const double mu = friction(id(items_[first]), id(items_[second]));
   for (const FeaturePair& p : found_) add(first, second, p, settings, mu, !state.points.empty(), out);
 }

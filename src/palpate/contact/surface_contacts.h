@@ -2,6 +2,7 @@
 
 #include <array>
 #include <cstdint>
+#include <limits>
 #include <vector>
 
 #include "palpate/contact/collision_surface.h"
@@ -88,14 +89,22 @@ class SurfaceContacts {
   /// @param body  of this one only; -1: of all
   void find(const ContactSettings& settings, const FrictionTable& friction, std::vector<Contact>& out, int body = -1);
   /// Of searches from now on: see PairSettings.
-  void setAsNow(bool on) { finder_.setAsNow(on); }
-  void setAhead(bool on) { finder_.setAhead(on); }
+  void setAsNow(bool on) {
+    forFinders([on](SurfacePairFinder& f) { f.setAsNow(on); });
+  }
+  void setAhead(bool on) {
+    forFinders([on](SurfacePairFinder& f) { f.setAhead(on); });
+  }
   static constexpr double kOperations = 2e4;  ///< of a search, for a pair of clusters that meet
   /// What searches from now on may cost together, and what they did [floating-point operations, about].
-  void allow(double operations) { finder_.allow(operations / kOperations); }
-  double operations() const { return kOperations * finder_.tested(); }
+  void allow(double operations) {
+    allowed_ = operations / kOperations;
+    tested_ = 0;
+    gave_up_ = false;
+  }
+  double operations() const { return kOperations * tested_; }
   /// A search was given up since allow(): what it found is not complete.
-  bool gaveUp() const { return finder_.gaveUp(); }
+  bool gaveUp() const { return gave_up_; }
   /// Those pairs, as examineOverlaps() found them.
   std::vector<SurfaceOverlap> overlaps() const;
   /// Points of surfaces that start inside each other, as examineOverlaps() found them; appends.
@@ -140,6 +149,7 @@ class SurfaceContacts {
     bool stale = false;                          // boxes are older than positions
     MotionBounds moved;                          // of the starts, since the last search
     PairFront front;                             // of self-contact
+    std::vector<FeaturePair> found;              // the same, in the present search
   };
   struct PairState {
     bool may_overlap = true;
@@ -165,13 +175,28 @@ class SurfaceContacts {
   static double shareOfShift(const Item& item, const int* node, const std::array<Vec3, 4>& x,
                              const std::array<Vec3, 4>& gradient, const Vec3& offset);
   static void shift(const Item& item, int vertex, const Vec3& offset, ContactPoint& point);
-  void findSelf(std::size_t i, const ContactSettings& settings, const FrictionTable& friction,
-                std::vector<Contact>& out);
+  // Surfaces whose self-contact is searched one after the other; those of different groups at the same time.
+  struct SelfGroup {
+    SurfacePairFinder finder;
+    std::vector<std::size_t> items;
+    double clusters = 0;
+  };
+  static constexpr std::size_t kMostGroups = 4;
+  void groupSelves();
+  void searchSelves(double reach, int body);
+  void account(const SurfacePairFinder& finder);
+  template <class F>
+  void forFinders(F f) {
+    f(finder_);
+    for (SelfGroup& group : groups_) f(group.finder);
+  }
+  void addSelf(std::size_t i, const ContactSettings& settings, const FrictionTable& friction,
+               std::vector<Contact>& out);
   void findPair(std::size_t first, std::size_t second, PairState& state, const ContactSettings& settings,
                 const FrictionTable& friction, std::vector<Contact>& out);
   void add(std::size_t ia, std::size_t ib, const FeaturePair& pair, const ContactSettings& settings, double mu,
            bool overlapping, std::vector<Contact>& out);
-  void keepDependable();
+  void keepDependable(std::vector<FeaturePair>& found) const;
   void findTangle(Item& item);
   static bool inTangle(const Item& item, const FeaturePair& pair);
   void addOverlap(std::size_t ia, std::size_t ib, const OverlapPoint& overlap, const ContactSettings& settings,
@@ -179,7 +204,10 @@ class SurfaceContacts {
 
   std::vector<Item> items_;
   std::vector<PairState> pairs_;
-  SurfacePairFinder finder_;
+  std::array<SelfGroup, kMostGroups> groups_;
+  SurfacePairFinder finder_;                                               // between two surfaces
+  double allowed_ = std::numeric_limits<double>::infinity(), tested_ = 0;  // pairs of clusters that meet
+  bool gave_up_ = false;
   std::vector<FeaturePair> found_;
   std::vector<std::array<int, 2>> crossings_;
   double overlap_ = 0;
