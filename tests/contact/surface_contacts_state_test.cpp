@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <limits>
 #include <stdexcept>
 #include <vector>
 
@@ -183,6 +184,47 @@ TEST(SurfaceContactsState, AskedToRecheckTheySeeWhatWasSetFromOutside) {
   s.recheckOverlaps();
   found(s, motion[kSqueezed], {});
   EXPECT_GT(s.overlap(), 5e-4);  // a millimeter, less what nodes and slide take off
+}
+
+// What is given up depends on what all searches together cost, and the next search misses nothing for it.
+TEST(SurfaceContactsBudget, GivenUpWhereAllSearchesTogetherCostMore) {
+  const Motion motion = motions()[10];
+  struct Search {
+    std::vector<Contact> contacts;
+    double operations;
+    bool gave_up;
+  };
+  const auto search = [&](SurfaceContacts& s, double allowed) {
+    for (int b = 0; b < 2; ++b) s.setStart(b, motion.start[static_cast<size_t>(b)]);
+    for (int b = 0; b < 2; ++b) s.setEnd(b, motion.end[static_cast<size_t>(b)]);
+    Search out;
+    s.allow(allowed);
+    s.find(ContactSettings(), friction(), out.contacts);
+    out.operations = s.operations();
+    out.gave_up = s.gaveUp();
+    return out;
+  };
+  constexpr double kNoLimit = std::numeric_limits<double>::infinity();
+  SurfaceContacts whole = surfaces();
+  const Search all = search(whole, kNoLimit);
+  EXPECT_FALSE(all.gave_up);
+  EXPECT_GT(all.contacts.size(), 10u);
+  int selves_only = 0;
+  for (const double share : {0.0, 0.05, 0.2, 0.4, 0.6, 0.8, 0.9, 0.99, 1.01, 2.0}) {
+    SurfaceContacts s = surfaces();
+    const Search limited = search(s, share * all.operations);
+    EXPECT_EQ(limited.gave_up, share < 1) << share;
+    selves_only += limited.gave_up && limited.contacts.empty() ? 1 : 0;
+    if (share >= 1) {
+      EXPECT_EQ(limited.operations, all.operations);
+      expectSame(limited.contacts, all.contacts, 0);
+    }
+    const Search again = search(s, kNoLimit);
+    EXPECT_FALSE(again.gave_up);
+    expectSame(again.contacts, all.contacts, 0);
+  }
+  EXPECT_GT(selves_only, 0) << "no search of a surface by itself was given up";
+  EXPECT_LT(selves_only, 8) << "no search of a pair was given up";
 }
 
 TEST(SurfaceContactsState, OfOtherSurfacesIsRejected) {
