@@ -22,7 +22,7 @@ struct StressOptions {
   std::string hand = "wild";
   std::optional<int> steps, seeds;
   StressMotion motion;
-  bool solve_static = false;
+  bool by_clock = false, solve_static = false;
   std::string out;
 };
 
@@ -44,6 +44,7 @@ StressSettings settingsOf(const StressOptions& options, const SceneConfig& confi
   StressSettings out = stressSettingsOf(config);
   out.motion = options.motion;
   out.riding = options.hand == "ride";
+  out.by_clock = options.by_clock;
   out.solve_static = options.solve_static;
   if (!out.riding && options.seeds) throw InputError("--seeds", "", "needs --hand ride");
   if (!out.riding && options.solve_static) throw InputError("--static", "", "needs --hand ride");
@@ -55,6 +56,7 @@ StressSettings settingsOf(const StressOptions& options, const SceneConfig& confi
 void print(const std::string& scene, const StressSettings& settings, const StressOutcome& o) {
   const StressTally& t = o.all;
   fmt::print("{}: {} steps of {} s, seed {}", scene, t.steps, settings.timing.visual_step, settings.seed);
+  if (settings.by_clock) fmt::print(", by the clock");
   if (settings.riding) fmt::print(", {} rides", o.rides.size());
   fmt::print("{}\n", o.stopped ? ", stopped" : "");
   fmt::print("  deepest penetration {:.3f} % of the tool's diagonal; {} vertices on the wrong side after calm\n",
@@ -125,6 +127,9 @@ void addStressCommand(CLI::App& app) {
   command->add_option("--ride", options->motion.ride, "Length of a ride's way, before it turns home, s")
       ->check(CLI::Range(0.1, 3600.0))
       ->capture_default_str();
+  command->add_flag(
+      "--clock", options->by_clock,
+      "Steps end early by the clock, as in real time, not by counted operations: no two runs are the same");
   command->add_flag("--static", options->solve_static,
                     "After a ride whose tool touches something, compare with the static solution from there");
   command->add_option("--out", options->out, "Folder for summary.json and rides.csv; default out/stress-NAME")

@@ -56,7 +56,7 @@ SUMMARY = keys(
 )
 
 
-STRESS_SUMMARY = keys("scene", "hand", "seed", "step_s", "steps", "stopped", "deepest_penetration_rel", "nan",
+STRESS_SUMMARY = keys("scene", "hand", "seed", "step_s", "by_clock", "steps", "stopped", "deepest_penetration_rel", "nan",
                       "wrong_side", "self_intersections", "inverted", "steps_crossed", "steps_passed", "steps_folded",
                       "frozen", "max_energy_J", "max_kinetic_J", "max_elastic_J", "energy_made_J", "largest_energy_made_J",
                       "restored", "not_converged", "cut", "cut_twice", "least_share", "redone",
@@ -645,6 +645,16 @@ def stress_rides(context):
     second = context.folder / "second"
     stress(context, context.file("scene.yaml", SCENE), *slow, "--steps", "20", "--seed", "2", "--static", out=second)
     expect([r[:-1] for r in context.table("rides.csv", second)[1]] == [rows[1][:-1]], "the second ride alone is another")
+
+
+@case
+def stress_by_the_clock(context):
+    """Where steps of 10 ms may take longer, and some end early, states stay good."""
+    summary = stress(context, context.scene("alien-self"), "--clock", "--visual-dt", "0.010", "--speed", "20", "--spin",
+                     "100", "--steps", "120", "--seed", "3")
+    expect(summary["by_clock"] and summary["steps"] == 120, f"{summary['steps']} steps by the clock")
+    expect(summary["nan"] == 0 and summary["restored"] == 0, "a step that ended early left no good state")
+    expect(summary["wrong_side"] == 0, f"{summary['wrong_side']} vertices on the wrong side after calm")
 
 
 @case

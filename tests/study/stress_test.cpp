@@ -379,6 +379,33 @@ tool:
   }
 }
 
+TEST(StressHand, ByTheClockStepsHaveTheBudgetOfRealTime) {
+  for (const bool by_clock : {false, true}) {
+    BuiltScene scene = buildScene(readSceneFromString(R"(
+palpate: 1
+name: clock
+tool:
+  shape: {bar: {size: [0.03, 0.03, 0.04], cells: [1, 1, 2]}}
+  handles:
+    top: {region: {halfspace: {point: [0, 0, 0.0399], normal: [0, 0, 1]}}}
+)",
+                                                      "clock"));
+    StressSettings settings;
+    settings.steps = 4;
+    settings.by_clock = by_clock;
+    const StepBudget before = scene.world.budget;
+    int seen = 0;
+    runStress(scene, settings, [&](double) {
+      ++seen;
+      EXPECT_EQ(scene.world.budget.operations, before.operations);
+      EXPECT_EQ(scene.world.budget.seconds, by_clock ? 0.8 * settings.timing.visual_step : before.seconds);
+      return true;
+    });
+    EXPECT_EQ(seen, 4);
+    EXPECT_EQ(scene.world.budget.seconds, before.seconds);
+  }
+}
+
 // A soft tool that is led along a path by a hand of 2 m/s, and swings: what the step's linear forces would add to it is
 // no more than of a tool that is pulled.
 TEST(StressRide, WhoLeadsASoftToolMakesNoEnergy) {

@@ -159,8 +159,7 @@ bool RealtimeLoops::leavesRoom(const Executor* executor) const {
 }
 
 void RealtimeLoops::runVisual(double speed, double origin, Executor* executor) {
-  constexpr double kShare = 0.8;  // of a visual step that a hard one may use up before it ends early
-  scene_.world.budget.seconds = kShare * timing_.visual_step / speed;
+  scene_.world.budget.seconds = stepBudget(timing_.visual_step / speed);
   PeriodicClock clock(timing_.visual_step / speed);
   clock.start(start_);
   const auto goesOn = [this] {

@@ -53,6 +53,10 @@ class RealtimeLoops {
   /// From start() to the first tick: both threads are up by then, and count from one instant.
   static constexpr std::chrono::milliseconds kStartDelay{20};
 
+  /// What a visual step may take by the clock before it ends early [s]: what follows it needs the rest.
+  /// @param period  from one to the next [s]
+  static constexpr double stepBudget(double period) { return 0.8 * period; }
+
   /// Called on the visual loop's thread after each step.
   using Stepped = std::function<void(const World&, const VisualRecord&)>;
 

@@ -11,6 +11,7 @@
 #include "palpate/mesh/surface_measures.h"
 #include "palpate/results/statistics.h"
 #include "palpate/session/lockstep.h"
+#include "palpate/session/realtime_loops.h"
 #include "palpate/study/examiner.h"
 #include "palpate/study/freeze_watch.h"
 
@@ -100,6 +101,7 @@ class StressRun {
   StressRun(BuiltScene& scene, const StressSettings& settings, const std::function<bool(double)>& going_on)
       : scene_(scene),
         world_(scene.world),
+        budget_(world_.budget),
         settings_(settings),
         going_on_(going_on),
         hand_(giveHand(scene, settings.timing.visual_step)),
@@ -111,6 +113,7 @@ class StressRun {
         freeze_(world_, scene.start, settings.timing.visual_step) {
     settings_.motion.step = settings.timing.visual_step;
     settings_.motion.reach = settings.reach * diagonal_;
+    if (settings.by_clock) world_.budget.seconds = RealtimeLoops::stepBudget(settings.timing.visual_step);
     if (settings_.riding && settings_.rides == 0) {  // all rides are of about one length
       const int length = static_cast<int>(rideOf(scene.start, settings_.motion, settings_.seed).way.size());
       settings_.rides = (settings_.steps + length - 1) / length;
@@ -119,7 +122,10 @@ class StressRun {
 
   StressRun(const StressRun&) = delete;
   StressRun& operator=(const StressRun&) = delete;
-  ~StressRun() { std::swap(scene_.device, device_); }
+  ~StressRun() {
+    std::swap(scene_.device, device_);
+    world_.budget = budget_;
+  }
 
   StressOutcome finish() {
     if (settings_.riding) {
@@ -319,6 +325,7 @@ class StressRun {
 
   BuiltScene& scene_;
   World& world_;
+  const StepBudget budget_;  // the scene's own
   StressSettings settings_;
   const std::function<bool(double)>& going_on_;
   std::unique_ptr<Device> device_;  // the scene's own

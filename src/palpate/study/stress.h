@@ -19,6 +19,7 @@ struct StressSettings {
   int steps = 1000;            ///< visual steps in all, calm ones included; rides are ridden to their ends
   int rides = 0;               ///< 0: as many as the steps need
   bool riding = false;         ///< rides, each from the built scene, with seeds that count up; else one wild hand
+  bool by_clock = false;       ///< steps end early by the clock, as in real time: no two runs are the same then
   bool solve_static = false;   ///< after a ride whose tool touches something: settle it, and compare
   double reach = 0.75;         ///< farthest that the device goes from its start, in diagonals of the tool
   std::vector<int> crossable;  ///< bodies whose surfaces may pass through themselves

@@ -86,6 +86,7 @@ nlohmann::ordered_json stressSummary(const std::string& scene, const StressSetti
   j["hand"] = settings.riding ? "ride" : "wild";
   j["seed"] = settings.seed;
   j["step_s"] = settings.timing.visual_step;
+  j["by_clock"] = settings.by_clock;
   j["steps"] = t.steps;
   j["stopped"] = o.stopped;
   j["failures"] = stressFailures(o);
