@@ -307,6 +307,7 @@ constexpr int kMostPulled = 15;      // steps after a path was left, before one 
 constexpr int kGoodParts = 4;        // so many good parts before a longer one is tried
 constexpr double kTryShare = 0.16;   // of the budget: what a try may cost that need not succeed
 constexpr double kDearShare = 0.2;   // of the budget: who has used that up cannot afford many more tries that fail
+constexpr double kLeastTime = 0.5;   // of what the last part took: with less by the clock the next one is not begun
 constexpr double kPartCost = 2.0;    // of a part that is good, for its factorization's
 constexpr int kMostBent = 3;         // halvings of a step that bends
 constexpr double kBentShare = 0.25;  // of its length: what its parts may then take together, by what one took last
@@ -430,7 +431,7 @@ void World::stepAlong(Way& way, double from, double to, StepReport& sum) {
     StepReport part;
     const StepInput input = inputAt(way, shareAt(done), shareAt(done + length));
     const bool last = length == 1 && (way.path == nullptr || way.pulled);
-    const double spent = meter_.spentButForSearching();
+    const double spent = meter_.spentButForSearching(), left = meter_.left();
     if (!tryStep(input, static_cast<double>(length) / kShortest, last, part)) {
       sum.times += part.times;
       const double promising = stage_.result().promising;
@@ -450,7 +451,9 @@ void World::stepAlong(Way& way, double from, double to, StepReport& sum) {
     if (halvings > bent_) ++part.redone;
     if (input.followed.on) part.corrected_share = shareAt(done + length) - shareAt(done);
     done += length;
-    if (meter_.usedUp() && done < kShortest) {
+    // by the clock a part that would take far longer than there is time is not begun
+    const bool late = std::isfinite(budget.seconds) && meter_.left() < kLeastTime * (left - meter_.left());
+    if ((late || meter_.usedUp()) && done < kShortest) {
       part.out_of_budget = true;
       part.motion_share = std::min(part.motion_share, static_cast<double>(done) / kShortest);
       sum.append(part);
