@@ -708,15 +708,12 @@ void SurfaceContacts::groupSelves() {
   const auto clusters = [&](std::size_t i) { return items_[i].surface.clusters(); };
   std::stable_sort(selves.begin(), selves.end(),
                    [&](std::size_t i, std::size_t j) { return clusters(i) > clusters(j); });
-  for (SelfGroup& group : groups_) {
-    group.items.clear();
-    group.clusters = 0;
-  }
+  for (SelfGroup& group : groups_) group.items.clear();
+  std::array<int, kMostGroups> sizes{};
   for (const std::size_t i : selves) {
-    SelfGroup& least = *std::min_element(
-        groups_.begin(), groups_.end(), [](const SelfGroup& p, const SelfGroup& q) { return p.clusters < q.clusters; });
-    least.items.push_back(i);
-    least.clusters += clusters(i);
+    const auto least = std::min_element(sizes.begin(), sizes.end());
+    groups_[static_cast<std::size_t>(least - sizes.begin())].items.push_back(i);
+    *least += clusters(i);
   }
 }
 

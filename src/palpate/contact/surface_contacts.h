@@ -179,7 +179,6 @@ class SurfaceContacts {
   struct SelfGroup {
     SurfacePairFinder finder;
     std::vector<std::size_t> items;
-    double clusters = 0;
   };
   static constexpr std::size_t kMostGroups = 4;
   void groupSelves();
