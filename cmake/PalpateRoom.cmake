@@ -184,13 +184,13 @@ if(PALPATE_TESTS)
                                                         VISIBILITY_INLINES_HIDDEN OFF)
 endif()
 
-# palpate_test(NAME SOURCES ... DEPENDS ... [LIBRARIES ...] [LABELS ...] [ALONE ...] [LIGHT]): one GoogleTest program,
-# test_NAME;
-# one or two a room, as each is linked with all that its room needs. Its tests labelled core run in the address-sanitizer
-# build as well, those labelled tsan in the thread-sanitizer build. ALONE: sources that a unity build must not join.
-# LIGHT: the sources compute little themselves, so they are not optimized.
+# palpate_test(NAME SOURCES ... DEPENDS ... [LIBRARIES ...] [LABELS ...] [ALONE ...] [LIGHT] [SLOW]): one GoogleTest
+# program, test_NAME; one or two a room, as each is linked with all that its room needs. Its tests labelled core run in
+# the address-sanitizer build as well, those labelled tsan in the thread-sanitizer build. ALONE: sources that a unity
+# build must not join. LIGHT: the sources compute little themselves, so they are not optimized. SLOW: under a sanitizer
+# it takes longest, so it begins first.
 function(palpate_test name)
-  cmake_parse_arguments(TEST "LIGHT" "" "SOURCES;ALONE;DEPENDS;LIBRARIES;LABELS" ${ARGN})
+  cmake_parse_arguments(TEST "LIGHT;SLOW" "" "SOURCES;ALONE;DEPENDS;LIBRARIES;LABELS" ${ARGN})
   palpate_join(joined test_${name} ${TEST_SOURCES})
   add_executable(test_${name} ${joined} ${TEST_ALONE})
   if(TEST_LIGHT)
@@ -219,8 +219,11 @@ function(palpate_test name)
   endif()
   if(PALPATE_SANITIZE)
     # as one: a program with sanitizers takes longer to start than most tests to run
-    list(LENGTH TEST_SOURCES sources)
-    list(APPEND properties COST ${sources}) # the longest first
+    list(LENGTH TEST_SOURCES cost)
+    if(TEST_SLOW)
+      math(EXPR cost "${cost} + 100")
+    endif()
+    list(APPEND properties COST ${cost}) # the longest first
     add_test(NAME ${name} COMMAND test_${name} --gtest_brief=1)
     set_tests_properties(${name} PROPERTIES ${properties})
   else()
