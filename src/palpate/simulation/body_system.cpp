@@ -205,10 +205,12 @@ bool BodySystem::mayTurn() const {
   return model_->held() && input_.turning && !model_->isRigid() && model_->attachments().empty();
 }
 
-// All nodes and the handle to where a rigid body would go, if it turns them by what matters. Velocities turn with it:
-// relative to the body's motion they stay what they are in its frame, the motion keeps its angular momentum, and
-// centrifugal force acts where it ends; the force of the middle of the step, which keeps them on their way round, would
-// slow them down if it acted there. @returns whether it does
+// All nodes and the handle to where a rigid body would go, if it turns them by what matters. The body's motion turns
+// with it and keeps its angular momentum, and centrifugal force acts where it ends; the force of the middle of the
+// step, which keeps nodes on their way round, would slow them down if it acted there. Velocities against that motion
+// stay what they are in the world: in the body's frame that is half of Coriolis' force, and the change of the arms is
+// the other half.
+// @returns whether it does
 bool BodySystem::turnRigidly() {
   constexpr double kLeast = 0.02;  // by which lengths grow by half the square on straight ways
   const double h = input_.step;
@@ -231,7 +233,7 @@ bool BodySystem::turnRigidly() {
   const auto carry = [&](const Vec3& arm0, const Vec3& velocity) {
     const Vec3 arm = turn * arm0;
     const Vec3 relative = velocity - start.twist.head<3>() - before.cross(arm0);
-    return Vec3(start.twist.head<3>() - twist.head<3>() + gained.cross(arm) + turn * relative -
+    return Vec3(start.twist.head<3>() - twist.head<3>() + gained.cross(arm) + relative -
                 h * turning.cross(turning.cross(arm)));
   };
   rigid_ = {end, twist};
@@ -248,8 +250,8 @@ bool BodySystem::turnRigidly() {
   turned_grip_ = {end.apply(arm), end.rotation * start_.pose.rotation};
   carried_grip_ << (turned_grip_.position - start_.pose.position) / h, turning;
   const Mat3 own = handle().worldInertia(turned_grip_);
-  grip_gain_ << carry(arm, start_.twist.head<3>()),
-      gained + turn * (start_.twist.tail<3>() - before) - h * own.inverse() * turning.cross(own * turning);
+  const Vec3 spin = handle().worldInertia(start_.pose) * (start_.twist.tail<3>() - before);
+  grip_gain_ << carry(arm, start_.twist.head<3>()), gained + own.inverse() * (spin - h * turning.cross(own * turning));
   for (std::size_t k = 0; k < handle().nodes.size(); ++k) {
     moved_.segment<3>(3 * handle().nodes[k]) = turned_grip_.apply(handle().offsets[k]);
   }

@@ -78,7 +78,8 @@ enum class OrderFit {
 ///     A_tt (v - v_r) = M v0 + h (f + m g) + J_t^T lambda
 /// A soft body that turns, and follows nothing: A is that of the positions to which it would go as a rigid body with
 /// its present twist, or that of a longer part which was taken back; rigid motion has the velocities v_r there, u_r at
-/// the handle, and v0 is turned with the body (docs/step.md, "What turns"). Straight ways would make what turns larger.
+/// the handle, and of v0 the body's motion is turned (docs/step.md, "What turns"). Straight ways would make what turns
+/// larger.
 ///     A_tt (v - v_r) + A_th (u - u_r) = M (v0 - v_r) + h (f + m g - alpha M v_r) + J_t^T lambda
 /// The end velocities of contact are those of the way, (x - x0) / h; those of the state at the end are v.
 /// A_tt may have been prepared where the handle follows a path, in the handle's frame: what goes into its factor and
