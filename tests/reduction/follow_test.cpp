@@ -226,6 +226,29 @@ TEST(Follow, ABlockedCorrectionMakesNoEnergy) {
   for (int i = 0; i < tool.nodes(); ++i) EXPECT_GT(held.world.tool().state.positions[3 * i + 2], -1e-4);
 }
 
+// In parts of a step, the first of which brings motion, and all of which are to bring a stretch that the ground does
+// not let in: what the one brought is not made, whatever the others were to take away.
+TEST(Follow, WhatAPartBringsIsNotMadeInTheWhole) {
+  Held held(0.0);
+  ASSERT_NO_FATAL_FAILURE(press(held));
+  const BodyModel& tool = held.world.tool().model;
+  const VecX before = held.world.tool().state.positions;
+  ToolPath path = straight(held.world.tool().state.handle.pose, Vec6::Zero(), kStep);
+  path.shift = path.velocity = VecX::Zero(3 * tool.freeNodes());
+  const double top = held.world.tool().state.handle.pose.position.z();
+  for (int r = 0; r < tool.freeNodes(); ++r) {
+    const double below = (top - before[3 * tool.free()[r] + 2]) / top;
+    path.shift[3 * r + 2] = -0.02 * below;
+    path.velocity[3 * r] = 2.0 * below;
+  }
+  const double start =
+      held.world.follow(straight(held.world.tool().state.handle.pose, Vec6::Zero(), kStep), kStep).elastic_energy;
+  const StepReport report = held.world.follow(path, kStep, 4);
+  ASSERT_EQ(held.world.state().pulled_after, 0) << "left the path";
+  EXPECT_GT(report.kinetic_energy + report.elastic_energy, 1.02 * start + std::max(0.0, report.energy_corrected));
+  EXPECT_EQ(report.energy_made, 0);
+}
+
 // The same in parts of a step. Each brings its share: were all of it brought by the first, what the ground does not let
 // in would be a velocity that the others go on with.
 TEST(Follow, PartsBringACorrectionEvenly) {

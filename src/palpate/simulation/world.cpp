@@ -314,13 +314,6 @@ constexpr double kBentShare = 0.25;  // of its length: what its parts may then t
 // an end that has more energy than work explains, by this much in a whole step [J], is not believed
 constexpr double kEnergyFloor = 1e-5;
 
-namespace {
-
-// What a step may end with: energy that corrections bring is not made, and what they would take away contact can keep.
-double startEnergy(double before, const StepReport& report) { return before + std::max(0.0, report.energy_corrected); }
-
-}  // namespace
-
 // All bodies to the end of a part of a step. @returns false (nothing has happened) if it is not good enough; the last
 // try is always taken
 bool World::tryStep(const StepInput& input, double share, bool last, StepReport& report) {
@@ -338,7 +331,9 @@ bool World::tryStep(const StepInput& input, double share, bool last, StepReport&
   findEnergies(report, input.end_time);
   StepWork work;
   for (int i = 0; i < bodies(); ++i) work += workOn(*systems_[i], state_.bodies[i]);
-  const double made = energyMade(startEnergy(before, report), energy_, work, share);
+  // energy that corrections bring is not made, and what they would take away contact can keep
+  const double brought = std::max(0.0, report.energy_corrected);
+  const double made = energyMade(before + brought, energy_, work, share);
   const bool forced =
       input.followed.on && systems_[tool_]->leadingForce(state_.bodies[tool_]).norm() > input.followed.largest_force;
   if (!last && (forced || made > share * kEnergyFloor)) {
@@ -348,6 +343,7 @@ bool World::tryStep(const StepInput& input, double share, bool last, StepReport&
     return false;
   }
   work_ += work;
+  brought_ += brought;
   return true;
 }
 
@@ -496,6 +492,7 @@ StepReport World::walk(Way way, int parts) {
   if (!energy_known_) findEnergies(report, state_.time);
   const double before = energy_;
   work_ = {};
+  brought_ = 0;
   if (way.path != nullptr) bend_.begin(models_, state_.bodies, *way.path);
   for (int k = 0; k < parts; ++k) {
     stepAlong(way, static_cast<double>(k) / parts, static_cast<double>(k + 1) / parts, report);
@@ -504,7 +501,7 @@ StepReport World::walk(Way way, int parts) {
   state_.bending = way.path != nullptr ? bend_.end(models_, state_.bodies) / way.step : 0.0;
   state_.part_cost = way.good_cost / std::max(report.parts, 1);
   state_.time += way.step;
-  report.energy_made = energyMade(startEnergy(before, report), energy_, work_);
+  report.energy_made = energyMade(before + brought_, energy_, work_);
   if (follows) {
     state_.pulled_after = way.pulled ? std::min(2 * state_.pulled_after + 1, kMostPulled) : 0;
     state_.pulled_steps = state_.pulled_after;

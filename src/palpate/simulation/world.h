@@ -199,6 +199,7 @@ class World {
   std::vector<double> elastic_, elastic_before_;
   ContactMemory contacts_before_;  // of the present part of a step
   StepWork work_;                  // of the present step
+  double brought_ = 0;             // energy by corrections in it, of the parts in which they brought some [J]
   WorkMeter meter_;
   MotionBend bend_;
   int bent_ = 0;       // halvings with which its parts begin as it bends
