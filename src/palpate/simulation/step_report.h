@@ -45,8 +45,8 @@ struct StepReport {
   /// By which the energy at the end exceeds that at the start, the work of link, gravity and driven bodies, and a
   /// hundredth of the sum of all their magnitudes [J].
   double energy_made = 0;
-  /// That corrections with a followed path brought; below zero where they were to take some away, which contact need not
-  /// let happen [J]. Of each part, what is above zero is not counted as made.
+  /// That corrections with a followed path brought; below zero where they were to take some away, which contact need
+  /// not let happen [J]. Of each part, what is above zero is not counted as made.
   double energy_corrected = 0;
   double corrected_share = 0;  ///< of these, brought in as far as contact let them: while the path was followed
   bool out_of_budget = false;  ///< the budget was used up: the rest of the step was taken as it came
