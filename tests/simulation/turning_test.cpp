@@ -21,6 +21,24 @@ Vec3 angularMomentum(const BodyModel& body, const BodyState& state) {
   return sum;
 }
 
+// Nothing pulls at it.
+StepInput letGo() {
+  StepInput input;
+  input.gravity.setZero();
+  input.link.stiffness = input.link.damping = input.link.rotational_stiffness = input.link.rotational_damping = 0;
+  input.turning = true;
+  return input;
+}
+
+// A step that touches nothing.
+void move(BodySystem& system, const StepInput& input, BodyState& state) {
+  system.assemble(input, state);
+  if (system.contactNodesFit({}) != OrderFit::good) system.orderContactNodes({});
+  ASSERT_TRUE(system.factorize());
+  system.solveFree();
+  ASSERT_TRUE(system.advance());
+}
+
 // Let go, and turned by a third of a radian in each of thirty steps of 33 ms, with a handle at its middle or at its
 // end: it keeps its shape but for the centrifugal load, its energy and, nearly, its angular momentum, which drifts most
 // where it tumbles. Along straight ways it would grow by a twentieth in each step.
@@ -32,10 +50,7 @@ TEST(Turning, AFreeBarKeepsItsEnergyAndItsShape) {
   const Vec3 size(0.06, 0.03, 0.1);
   Material material;
   material.youngs_modulus = 2e4;
-  StepInput input;
-  input.gravity.setZero();
-  input.link.stiffness = input.link.damping = input.link.rotational_stiffness = input.link.rotational_damping = 0;
-  input.turning = true;
+  const StepInput input = letGo();
   for (const auto& [turning, drift, loss, gain, strain] :
        {Case{{0, 0, 10}, 0.05, 0.02, 0.005, 0.01}, Case{{0.2, 10, 0.2}, 0.08, 0.02, 0.005, 0.01},
         Case{{6, 0.2, 8}, 0.3, 0.06, 0.01, 0.02}}) {
@@ -59,11 +74,7 @@ TEST(Turning, AFreeBarKeepsItsEnergyAndItsShape) {
       const double energy = bar.kineticEnergy(state);
       for (int k = 0; k < 30; ++k) {
         SCOPED_TRACE(testing::Message() << "step " << k);
-        system.assemble(input, state);
-        if (system.contactNodesFit({}) != OrderFit::good) system.orderContactNodes({});
-        ASSERT_TRUE(system.factorize());
-        system.solveFree();
-        ASSERT_TRUE(system.advance());
+        ASSERT_NO_FATAL_FAILURE(move(system, input, state));
         const double moving = bar.kineticEnergy(state), elastic = system.elasticEnergy(state, 0.0);
         EXPECT_GT(moving, (1 - loss) * energy);
         EXPECT_LT(moving + elastic, (1 + gain) * energy);
@@ -82,10 +93,7 @@ TEST(Turning, WhatGrowsTurnsSlower) {
   Material material;
   material.youngs_modulus = 3e3;
   material.damping_alpha = material.damping_beta = 0;
-  StepInput input;
-  input.gravity.setZero();
-  input.link.stiffness = input.link.damping = input.link.rotational_stiffness = input.link.rotational_damping = 0;
-  input.turning = true;
+  StepInput input = letGo();
   input.step = 0.002;
   for (const double apart : {8.0, -8.0}) {  // [1/s]
     SCOPED_TRACE(testing::Message() << "at " << apart << " /s");
@@ -116,11 +124,7 @@ TEST(Turning, WhatGrowsTurnsSlower) {
     const double shape = inertia();
     double energy = bar.kineticEnergy(state), most = 0;
     for (int k = 0; k < 14; ++k) {
-      system.assemble(input, state);
-      if (system.contactNodesFit({}) != OrderFit::good) system.orderContactNodes({});
-      ASSERT_TRUE(system.factorize());
-      system.solveFree();
-      ASSERT_TRUE(system.advance());
+      ASSERT_NO_FATAL_FAILURE(move(system, input, state));
       const double now = bar.kineticEnergy(state) + system.elasticEnergy(state, 0.0);
       EXPECT_LT(now, 1.002 * energy) << "step " << k;
       energy = now;

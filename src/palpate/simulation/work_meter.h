@@ -26,6 +26,8 @@ class WorkMeter {
     spent_ = apart_ = 0;
     if (timed()) begin_ = Clock::now();
   }
+  /// Whether the clock counts as well.
+  bool timed() const { return budget_.seconds < std::numeric_limits<double>::infinity(); }
   void spend(double operations) {
     spent_ += operations;
     apart_ += operations;
@@ -49,7 +51,6 @@ class WorkMeter {
 
  private:
   using Clock = std::chrono::steady_clock;
-  bool timed() const { return budget_.seconds < std::numeric_limits<double>::infinity(); }
 
   StepBudget budget_;
   double spent_ = 0, apart_ = 0;

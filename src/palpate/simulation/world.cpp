@@ -448,7 +448,7 @@ void World::stepAlong(Way& way, double from, double to, StepReport& sum) {
     if (input.followed.on) part.corrected_share = shareAt(done + length) - shareAt(done);
     done += length;
     // by the clock a part that would take far longer than there is time is not begun
-    const bool late = std::isfinite(budget.seconds) && meter_.left() < kLeastTime * (left - meter_.left());
+    const bool late = meter_.timed() && meter_.left() < kLeastTime * (left - meter_.left());
     if ((late || meter_.usedUp()) && done < kShortest) {
       part.out_of_budget = true;
       part.motion_share = std::min(part.motion_share, static_cast<double>(done) / kShortest);
