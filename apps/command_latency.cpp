@@ -50,7 +50,7 @@ Measured bare(double rate, double duration, Progress& progress) {
   std::thread loop([&] {
     const AwakeCores awake;
     out.grant = requestRealtime(kPriority);
-    runPeriodic(1.0 / rate, stop, out.report, [&](std::int64_t, double t) { return t < duration; });
+    runPeriodic(1.0 / rate, std::llround(duration * rate), stop, out.report, [](std::int64_t, double) { return true; });
     done = true;
   });
   const auto begin = std::chrono::steady_clock::now();

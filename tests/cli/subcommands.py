@@ -543,7 +543,7 @@ def latency_measures_and_advises(context):
         wake = rate["wake_us"]
         expect(0 < wake["p50"] <= wake["p99"] <= wake["p99_9"] <= wake["max"], f"{wake}")
         expect(sum(n for _, n in wake["bins"]) == rate["ticks"] == wake["count"], "the histogram lost some")
-        expect(abs(rate["ticks"] + rate["missed"] - 0.5 * rate["rate_hz"]) <= 2, f"{rate['ticks']}, {rate['missed']}")
+        expect(rate["ticks"] + rate["missed"] == 0.5 * rate["rate_hz"], f"{rate['ticks']}, {rate['missed']}")
     for line in summary["advice"]:
         expect(line in output, f"not said: {line}")
     scene = context.file("scene.yaml", SCENE)

@@ -113,19 +113,27 @@ PeriodicClock::PeriodicClock(double period) {
   period_ = std::chrono::nanoseconds(std::llround(period * 1e9));
 }
 
-void PeriodicClock::start(Clock::time_point first) noexcept {
+void PeriodicClock::start(Clock::time_point first, std::int64_t end) noexcept {
   start_ = first;
   next_ = 0;
+  end_ = end;
+}
+
+void PeriodicClock::skip(std::int64_t deadlines, PeriodicReport& report) noexcept {
+  const auto missed = static_cast<std::uint64_t>(std::clamp<std::int64_t>(end_ - next_, 0, deadlines));
+  report.missed += missed;
+  report.most_missed = std::max(report.most_missed, missed);
+  next_ += deadlines;
+}
+
+std::int64_t PeriodicClock::wake(Clock::time_point now, PeriodicReport& report) noexcept {
+  if (next_ < end_) report.wake_latency.add(std::chrono::nanoseconds(now - (start_ + next_ * period_)).count());
+  return next_++;
 }
 
 std::int64_t PeriodicClock::wait(PeriodicReport& report) noexcept {
   const std::chrono::nanoseconds late = Clock::now() - (start_ + next_ * period_);
-  if (late >= period_) {
-    const std::int64_t skipped = late / period_;
-    report.missed += static_cast<std::uint64_t>(skipped);
-    report.most_missed = std::max(report.most_missed, static_cast<std::uint64_t>(skipped));
-    next_ += skipped;
-  }
+  if (late >= period_) skip(late / period_, report);
   const Clock::time_point deadline = start_ + next_ * period_;
   const auto since_epoch = std::chrono::nanoseconds(deadline.time_since_epoch()).count();
   timespec until{};
@@ -133,22 +141,17 @@ std::int64_t PeriodicClock::wait(PeriodicReport& report) noexcept {
   until.tv_nsec = static_cast<long>(since_epoch % 1'000'000'000);
   while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &until, nullptr) == EINTR) {
   }
-  report.wake_latency.add(std::chrono::nanoseconds(Clock::now() - deadline).count());
-  return next_++;
+  return wake(Clock::now(), report);
 }
 
 std::int64_t PeriodicClock::follow(PeriodicReport& report) noexcept {
   constexpr std::int64_t kSlack = 3;
-  const std::chrono::nanoseconds elapsed = Clock::now() - start_;
+  const Clock::time_point now = Clock::now();
+  const std::chrono::nanoseconds elapsed = now - start_;
   if (elapsed < next_ * period_ - kSlack * period_) return -1;
   const std::int64_t behind = elapsed / period_ - next_;
-  if (behind > kSlack) {
-    report.missed += static_cast<std::uint64_t>(behind);
-    report.most_missed = std::max(report.most_missed, static_cast<std::uint64_t>(behind));
-    next_ += behind;
-  }
-  report.wake_latency.add(std::chrono::nanoseconds(elapsed - next_ * period_).count());
-  return next_++;
+  if (behind > kSlack) skip(behind, report);
+  return wake(now, report);
 }
 
 double PeriodicClock::time(std::int64_t k) const noexcept { return std::chrono::duration<double>(k * period_).count(); }

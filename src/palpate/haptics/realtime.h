@@ -4,6 +4,7 @@
 #include <atomic>
 #include <chrono>
 #include <cstdint>
+#include <limits>
 #include <string>
 #include <vector>
 
@@ -82,7 +83,9 @@ class PeriodicClock {
   explicit PeriodicClock(double period);
 
   /// First deadline; several loops share one origin by starting at the same instant.
-  void start(Clock::time_point first = Clock::now()) noexcept;
+  /// @param end  number of the first deadline that is no part of the run: neither it nor a later one is reported
+  void start(Clock::time_point first = Clock::now(),
+             std::int64_t end = std::numeric_limits<std::int64_t>::max()) noexcept;
   /// Sleeps until the next deadline. @return its number k; deadlines skipped since the last call are missed
   std::int64_t wait(PeriodicReport& report) noexcept;
   /// For a thread that somebody else wakes, about as often: number of its tick, or -1 for a call that is one too many.
@@ -94,20 +97,26 @@ class PeriodicClock {
   double elapsed() const noexcept;
 
  private:
+  void skip(std::int64_t deadlines, PeriodicReport& report) noexcept;
+  std::int64_t wake(Clock::time_point now, PeriodicReport& report) noexcept;
+
   std::chrono::nanoseconds period_;
   Clock::time_point start_;
-  std::int64_t next_ = 0;
+  std::int64_t next_ = 0, end_ = std::numeric_limits<std::int64_t>::max();
 };
 
-/// Calls work(k, k * period) at each deadline until `stop` is set or work returns false.
+/// Calls work(k, k * period) at each deadline until `stop` is set, work returns false or there are no more.
+/// @param deadlines  how many there are: k < deadlines
 /// @param report  filled while it runs; read it after the return
 template <typename Work>
-void runPeriodic(double period, const std::atomic<bool>& stop, PeriodicReport& report, Work&& work) {
+void runPeriodic(double period, std::int64_t deadlines, const std::atomic<bool>& stop, PeriodicReport& report,
+                 Work&& work) {
   PeriodicClock clock(period);
-  clock.start();
+  clock.start(PeriodicClock::Clock::now(), deadlines);
   bool more = true;
   while (more && !stop.load(std::memory_order_relaxed)) {
     const std::int64_t k = clock.wait(report);
+    if (k >= deadlines) break;
     const auto begin = PeriodicClock::Clock::now();
     more = work(k, static_cast<double>(k) * period);
     report.work.add(std::chrono::nanoseconds(PeriodicClock::Clock::now() - begin).count());

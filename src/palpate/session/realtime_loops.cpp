@@ -107,12 +107,12 @@ void RealtimeLoops::runHaptic(double speed, std::int64_t last) {
   grant_ = requestRealtime(kHapticPriority);
   asked_.store(true, std::memory_order_release);
   PeriodicClock clock(timing_.haptic_step / speed);
-  clock.start(start_);
   const std::int64_t first = tick_;
+  clock.start(start_, last - first);
   bool driven = scene_.device->keepsTime();  // by the device
   const auto once = [&] {
     if (stop_.load(std::memory_order_relaxed) == Stop::now) return false;
-    const std::int64_t k = nextTick(clock, first, last, driven);
+    const std::int64_t k = first + (driven ? clock.follow(haptic_report_) : clock.wait(haptic_report_));
     if (k < first) {  // the device calls a little too often
       const double t = static_cast<double>(tick_) * timing_.haptic_step;
       scene_.device->sample(t);
@@ -139,17 +139,6 @@ void RealtimeLoops::runHaptic(double speed, std::int64_t last) {
   while (once()) {
   }
   haptic_done_.store(true, std::memory_order_release);
-}
-
-// Sleeps until the next tick. Those beyond the end are no part of the run: none of them is missed.
-std::int64_t RealtimeLoops::nextTick(PeriodicClock& clock, std::int64_t first, std::int64_t last, bool driven) {
-  const std::uint64_t missed = haptic_report_.missed;
-  const std::int64_t k = first + (driven ? clock.follow(haptic_report_) : clock.wait(haptic_report_));
-  if (k >= last) {
-    const auto skipped = static_cast<std::int64_t>(haptic_report_.missed - missed);
-    haptic_report_.missed = missed + static_cast<std::uint64_t>(std::max<std::int64_t>(0, last - (k - skipped)));
-  }
-  return k;
 }
 
 // A haptic thread of ordinary priority that finds threads at work on every core misses twice as many ticks.

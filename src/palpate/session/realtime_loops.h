@@ -116,7 +116,6 @@ class RealtimeLoops {
   enum class Stop : int { none, leave, now };
   void ask(Stop stop) noexcept;
   void runHaptic(double speed, std::int64_t last);
-  std::int64_t nextTick(PeriodicClock& clock, std::int64_t first, std::int64_t last, bool driven);
   void runVisual(double speed, double origin, Executor* executor);
   bool leavesRoom(const Executor* executor) const;
   TickRecord tickAt(std::int64_t k, const DeviceState& device, const HandleModel* model, bool recorded = true);
