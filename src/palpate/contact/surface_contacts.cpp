@@ -719,11 +719,10 @@ void SurfaceContacts::groupSelves() {
 
 // Pairs within each surface, into its item; at the same time, unless one surface is most of the work.
 void SurfaceContacts::searchSelves(double reach, int body) {
-  const auto wanted = [&](std::size_t i) { return body < 0 || items_[i].body == body; };
   const auto work = [&](int k) {
     double pairs = 0;
     for (const std::size_t i : groups_[static_cast<std::size_t>(k)].items) {
-      if (wanted(i)) pairs += static_cast<double>(items_[i].front.size() + items_[i].surface.nodes().size());
+      if (items_[i].isOf(body)) pairs += static_cast<double>(items_[i].front.size() + items_[i].surface.nodes().size());
     }
     return pairs;
   };
@@ -735,7 +734,7 @@ void SurfaceContacts::searchSelves(double reach, int body) {
       Item& item = items_[i];
       refit(item);
       item.found.clear();
-      if (wanted(i)) group.finder.findSelf(item.surface, item.exclusion, reach, item.found, &item.front);
+      if (item.isOf(body)) group.finder.findSelf(item.surface, item.exclusion, reach, item.found, &item.front);
     }
   });
   for (const SelfGroup& group : groups_) account(group.finder);
@@ -748,21 +747,20 @@ void SurfaceContacts::account(const SurfacePairFinder& finder) {
 
 void SurfaceContacts::find(const ContactSettings& settings, const FrictionTable& friction, std::vector<Contact>& out,
                            int body) {
-  const auto wanted = [&](const Item& item) { return body < 0 || item.body == body; };
   for (Item& item : items_) {
     if (item.self) item.front.moved(relativeMotion(item.moved, item.moved));
   }
   searchSelves(settings.surfaceReach(), body);
   for (Item& item : items_) refit(item);
   for (std::size_t b = 0; b < items_.size(); ++b) {
-    if (items_[b].self && wanted(items_[b])) addSelf(b, settings, friction, out);
+    if (items_[b].self && items_[b].isOf(body)) addSelf(b, settings, friction, out);
     for (std::size_t a = 0; a < b; ++a) {
       if (items_[a].body < 0 && items_[b].body < 0) continue;
       // the first one moves
       const std::size_t first = items_[a].body < 0 ? b : a;
       const std::size_t second = first == a ? b : a;
       pair(a, b).front.moved(relativeMotion(items_[first].moved, items_[second].moved));
-      if (wanted(items_[a]) || wanted(items_[b])) findPair(first, second, pair(a, b), settings, friction, out);
+      if (items_[a].isOf(body) || items_[b].isOf(body)) findPair(first, second, pair(a, b), settings, friction, out);
     }
   }
   for (Item& item : items_) item.moved = {};

@@ -150,6 +150,8 @@ class SurfaceContacts {
     MotionBounds moved;                          // of the starts, since the last search
     PairFront front;                             // of self-contact
     std::vector<FeaturePair> found;              // the same, in the present search
+    /// Whether it is the body's; -1: any's.
+    bool isOf(int any_or_body) const { return any_or_body < 0 || any_or_body == body; }
   };
   struct PairState {
     bool may_overlap = true;

@@ -108,6 +108,8 @@ constexpr Model kUnknown{"", 4, 0, 1000, 0.04};
 
 enum Status { kPower = 0, kConnected = 1, kForceOn = 5, kError = 9, kForceOffCause = 14, kStatusSize = 32 };
 
+constexpr int kCauses = 7;  // 0: unknown
+
 const char* causeText(int cause) {
   switch (cause) {
     case 1:
@@ -197,7 +199,10 @@ class ForceDimensionDriver final : public DeviceDriver {
   const char* trouble() const noexcept override { return trouble_.load(std::memory_order_relaxed); }
   std::vector<std::string> notes() const override {
     std::vector<std::string> out;
-    if (causes_ > 0) out.push_back(fmt::format("{} ({} times)", last_cause_, causes_));
+    for (int cause = 0; cause < kCauses; ++cause) {
+      const int times = off_times_[static_cast<std::size_t>(cause)];
+      if (times > 0) out.push_back(fmt::format("{} ({} times)", causeText(cause), times));
+    }
     if (refused_ > 0) out.push_back(fmt::format("forces that were refused ({} times)", refused_));
     if (saturated_ > 0) out.push_back(fmt::format("motors saturated ({} times)", saturated_));
     return out;
@@ -324,17 +329,16 @@ class ForceDimensionDriver final : public DeviceDriver {
       forces_off_ = false;
       return nullptr;
     }
-    if (!forces_off_) {
-      ++causes_;
-      last_cause_ = causeText(status[kForceOffCause]);
-    }
+    const int cause = status[kForceOffCause] > 0 && status[kForceOffCause] < kCauses ? status[kForceOffCause] : 0;
+    if (!forces_off_ || cause != cause_) ++off_times_[static_cast<std::size_t>(cause)];
+    cause_ = cause;
     forces_off_ = true;
     // On again as from nothing: the loss makes the force come back in a ramp. The device's button stays the person's.
-    if (status[kForceOffCause] != 1) {
+    if (cause != 1) {
       send(Vec6::Zero());
       lib_.enableForce(1, kId);
     }
-    return last_cause_;
+    return causeText(cause);
   }
 
   int send(const Vec6& wrench) noexcept {
@@ -353,10 +357,11 @@ class ForceDimensionDriver final : public DeviceDriver {
   ForceDimensionLibrary lib_;
   DriverInfo info_;
   bool with_drd_ = false, running_ = false, enabled_ = false, forces_off_ = false;
-  int bad_ = 0, causes_ = 0, refused_ = 0, saturated_ = 0;
+  int bad_ = 0, refused_ = 0, saturated_ = 0;
   std::int64_t ticks_ = 0;
   std::chrono::steady_clock::time_point again_;
-  const char* last_cause_ = "";
+  int cause_ = 0;                         // of the last force that was off
+  std::array<int, kCauses> off_times_{};  // by each cause
   std::atomic<const char*> trouble_{nullptr};
 };
 

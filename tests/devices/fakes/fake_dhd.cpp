@@ -1,8 +1,8 @@
 // Force Dimension's SDK with an omega behind it, as its public documentation describes it; written from that and not
 // from Palpate's driver. Faults (fake_log.h): none-connected, in-use, no-power, uninitialized; and after a time:
 // button, velocity, software, usb, deadman (force off by each cause), unplug, position (errors of the position for
-// good), late (a call that takes 80 ms). The firmware's watchdog is real: without a force for its time the force goes
-// off, cause 3.
+// good), late (a call that takes 80 ms). A force goes off by a fault once it is on. The firmware's watchdog is real:
+// without a force for its time the force goes off, cause 3, and that is written down, as a busy machine does it too.
 #include <chrono>
 #include <thread>
 
@@ -38,7 +38,7 @@ struct Device {
     force[0] = force[1] = force[2] = 0;
   }
   void once(const char* fault, int why) {
-    if (!done.count(fault) && log().on(fault, since())) {
+    if (force_on && !done.count(fault) && log().on(fault, since())) {
       done.insert(fault);
       off(why);
     }
@@ -46,7 +46,10 @@ struct Device {
   void advance() {
     const auto now = Clock::now();
     const double quiet = std::chrono::duration<double>(now - commanded).count();
-    if (force_on && watchdog > 0 && quiet > watchdog) off(3);
+    if (force_on && watchdog > 0 && quiet > watchdog) {
+      off(3);
+      log().starved();
+    }
     once("button", 1);
     once("velocity", 2);
     once("software", 4);

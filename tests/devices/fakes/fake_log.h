@@ -42,6 +42,11 @@ class Log {
     ++forces_;
     if (!in_effect && norm > 0) ++away_;
   }
+  /// The firmware's watchdog had no force for its time.
+  void starved() {
+    const std::lock_guard lock(mutex_);
+    ++starved_;
+  }
   void called(const char* what) {
     const std::lock_guard lock(mutex_);
     if (!calls_.empty()) calls_ += ",";
@@ -60,8 +65,8 @@ class Log {
     }
     std::fprintf(out,
                  "],\"forces\":%ld,\"max_force\":%g,\"largest_step\":%g,\"last_force\":[%g,%g,%g],\"last_zeros\":%ld,"
-                 "\"non_zero_while_away\":%ld,\"calls\":[%s]}\n",
-                 forces_, max_, step_, last_[0], last_[1], last_[2], zeros_, away_, calls_.c_str());
+                 "\"non_zero_while_away\":%ld,\"starved\":%ld,\"calls\":[%s]}\n",
+                 forces_, max_, step_, last_[0], last_[1], last_[2], zeros_, away_, starved_, calls_.c_str());
     std::fclose(out);
   }
   void finish() {
@@ -90,7 +95,7 @@ class Log {
   std::set<std::string> violations_;
   std::string calls_;
   double last_[3] = {0, 0, 0}, max_ = 0, step_ = 0;
-  long forces_ = 0, zeros_ = 0, away_ = 0;
+  long forces_ = 0, zeros_ = 0, away_ = 0, starved_ = 0;
 };
 
 }  // namespace fake
