@@ -687,6 +687,41 @@ TEST(PartnerModes, ARigidBodyHasTheMotionsThatNothingHolds) {
   }
 }
 
+// A box that pushes another one along the ground, whose friction is greater: mass that moves along, and no wall.
+TEST(PartnerModes, WhatALooseBoxPushesMovesAlong) {
+  constexpr double kStep = 0.005;
+  Material material;
+  World world;
+  world.obstacles = {ground()};
+  addFarTool(world, material, 3);
+  Vec6 velocity = Vec6::Zero();
+  velocity[0] = 2.0;
+  const auto box = [&](double x) {
+    return BodyModel::rigid("box", placed(boxSurface({0.04, 0.04, 0.02}), {Vec3(x, 0, 0.0001), Quat::Identity()}), 1000,
+                            0.3, velocity);
+  };
+  world.add(box(0.0));
+  world.add(box(0.0402));
+  world.setFriction(1, FrictionTable::obstacle(0), 0.2);
+  world.setFriction(2, FrictionTable::obstacle(0), 0.6);
+  world.setFriction(1, 2, 0.0);
+  for (int k = 0; k < 30; ++k) {
+    ASSERT_EQ(world.step({world.tool().state.handle.pose, Vec6::Zero()}, kStep).status, StepStatus::ok);
+  }
+  const std::vector<NodeSum> sums{{0, {{0, 1.0}}}};
+  MatX w = MatX::Zero(3, 3);
+  const PartnerModes modes = reducePartner(world, 1, {sums, {}, nullptr, nullptr, 6}, w);
+  const double own = world.body(1).model.totalMass();
+  EXPECT_NEAR(modes.basis.mass(0, 0), 2 * own, 1e-3 * own);
+  const MatX q = modes.basis.modes;
+  EXPECT_NEAR((q.transpose() * modes.basis.mass * q - MatX::Identity(q.cols(), q.cols())).norm(), 0.0, 1e-6);
+  ASSERT_GT(q.row(0).norm(), 0);
+  EXPECT_LT(modes.squared_frequency[0], 1.0);
+  const VecX acceleration = q * modes.force, motion = q * modes.speed;
+  EXPECT_NEAR(motion[0], world.body(1).state.handle.twist[0], 1e-3);
+  EXPECT_NEAR(acceleration[0], -0.4 * 9.81, 0.02 * 9.81);
+}
+
 // A soft block that stands on a loose rigid box: the model has the box's motions in the plane, and what holds it is the
 // friction of the ground, as far as what lies on it bears that.
 struct OnALooseBox {

@@ -145,13 +145,16 @@ NodeSum nodesOf(const ContactPoint& point, double sign) {
 
 bool involves(const Contact& c, int body) { return c.first.body == body || c.second.body == body; }
 
+// -1: what is fixed.
+int otherBody(const Contact& c, int body) { return c.first.body == body ? c.second.body : c.first.body; }
+
 // Bodies that loaded glue joins to this one, itself first, without the tool.
 std::vector<int> gluedTo(const std::vector<Contact>& loaded, int body, int tool) {
   std::vector<int> out{body};
   for (std::size_t k = 0; k < out.size(); ++k) {
     for (const Contact& c : loaded) {
       if (!c.glued() || !involves(c, out[k]) || involves(c, tool)) continue;
-      const int other = c.first.body == out[k] ? c.second.body : c.first.body;
+      const int other = otherBody(c, out[k]);
       if (std::find(out.begin(), out.end(), other) == out.end()) out.push_back(other);
     }
   }
@@ -193,6 +196,29 @@ std::vector<Tie> tiesOf(const World& world, const std::vector<int>& bodies, bool
     ties.push_back({&c, memory.loadedForce(k), slides});
   }
   return ties;
+}
+
+constexpr std::size_t kMostBeside = 8;  // what is farther from the tool than so many bodies stands still
+
+// Adds the bodies that loaded contacts join to these, but for the tool and one more.
+// @returns whether what stands still holds them, by more than the normals of what slides on it
+bool addTouched(const World& world, int left_out, std::vector<int>& bodies) {
+  bool held = false;
+  for (std::size_t k = 0; k < bodies.size(); ++k) {
+    held = held || !world.body(bodies[k]).model.attachments().empty();
+    for (const Tie& t : tiesOf(world, {bodies[k]})) {
+      const Contact& c = *t.contact;
+      if (left_out >= 0 && involves(c, left_out)) continue;
+      const int other = otherBody(c, bodies[k]);
+      if (other >= 0 && std::find(bodies.begin(), bodies.end(), other) != bodies.end()) continue;
+      if (other >= 0 && bodies.size() < kMostBeside) {
+        bodies.push_back(other);
+      } else {
+        held = held || !t.slides;
+      }
+    }
+  }
+  return held;
 }
 
 Eigen::Index rowsOf(const std::vector<Tie>& ties) {
@@ -250,6 +276,50 @@ MatX gluedCompliance(World& world, const std::vector<int>& bodies, const std::ve
   return tied(holding(w, own, ties), own);
 }
 
+// Bodies beside a touched one that its ties join to it and loaded contacts to each other: they yield as it moves them.
+struct Beside {
+  std::vector<int> bodies;
+  std::vector<std::size_t> ties;  // the body's with them
+  bool held = false;              // by what stands still
+};
+
+std::vector<Beside> besidesOf(const World& world, int body, const std::vector<Tie>& ties) {
+  std::vector<Beside> out;
+  for (std::size_t k = 0; k < ties.size(); ++k) {
+    const int other = otherBody(*ties[k].contact, body);
+    if (other < 0) continue;
+    auto at = std::find_if(out.begin(), out.end(), [&](const Beside& b) {
+      return std::find(b.bodies.begin(), b.bodies.end(), other) != b.bodies.end();
+    });
+    if (at == out.end()) {
+      at = out.insert(at, Beside{{other}, {}, false});
+      at->held = addTouched(world, body, at->bodies);
+    }
+    at->ties.push_back(k);
+  }
+  return out;
+}
+
+// Their side of C A^-1 C^T for the body's ties with them; what else holds them is tied. Impulses to velocities; `as`:
+// to which body's scale a displacement by a force is brought, h (h + beta), 0: to none.
+MatX yieldOf(World& world, int body, const std::vector<Tie>& ties, const Beside& beside, double as) {
+  std::vector<Tie> all;
+  for (const std::size_t k : beside.ties) all.push_back(ties[k]);
+  const Eigen::Index own = rowsOf(all);
+  for (const Tie& t : tiesOf(world, beside.bodies)) {
+    if (!involves(*t.contact, body)) all.push_back(t);
+  }
+  const auto size = static_cast<Eigen::Index>(3 * all.size());
+  MatX w = MatX::Zero(size, size);
+  for (const int b : beside.bodies) {
+    std::vector<NodeSum> rows;
+    for (const Tie& t : all) rows.push_back(nodesOf(*t.contact, b));
+    BodySystem& system = world.body(b).system;
+    w.triangularView<Eigen::Lower>() += (as > 0 ? system.stiffnessScale() / as : 1.0) * lowerGram(system, rows);
+  }
+  return all.size() == beside.ties.size() ? holding(w, 0, all) : tied(holding(w, 0, all), own);
+}
+
 // Of the rows that the step had of the body those that hold; none if any tie is not among them. Both are in the order
 // of contacts.
 std::vector<Eigen::Index> rowsInStep(const BodyContactRows& step, const std::vector<Contact>& contacts,
@@ -265,7 +335,8 @@ std::vector<Eigen::Index> rowsInStep(const BodyContactRows& step, const std::vec
   return out;
 }
 
-// Of one body. What it rests on is tied: for those rows C, A^-1 becomes A^-1 - U S^-1 U^T, U = A^-1 C^T, S = C U.
+// Of one body. What it rests on is tied: for those rows C, A^-1 becomes A^-1 - U S^-1 U^T, U = A^-1 C^T, S = C U. What
+// other bodies give way there is added to S, so that they load it and do not hold it.
 class Rested {
  public:
   Rested(World& world, int body, bool supported)
@@ -273,16 +344,20 @@ class Rested {
     for (const Tie& t : ties_) holds_.push_back(nodesOf(*t.contact, body));
   }
 
-  // S, and the friction of what slides, which goes on.
+  // S, and the forces of ties that go on: friction of what slides, all of what other bodies press with.
   void tie() {
     rub_ = VecX::Zero(unknowns(system().model()));
     for (std::size_t k = 0; k < ties_.size(); ++k) {
-      if (!ties_[k].slides) continue;
-      const Vec3& n = ties_[k].contact->normal;
-      addLoads(system(), holds_[k], Vec3(ties_[k].force - n.dot(ties_[k].force) * n), rub_);
+      const Vec3 &n = ties_[k].contact->normal, &force = ties_[k].force;
+      if (otherBody(*ties_[k].contact, body_) >= 0) {
+        addLoads(system(), holds_[k], force, rub_);
+      } else if (ties_[k].slides) {
+        addLoads(system(), holds_[k], Vec3(force - n.dot(force) * n), rub_);
+      }
     }
     if (rows_ == 0) return;
     factor_ = heldGram();
+    for (const Beside& beside : besidesOf(world_, body_, ties_)) addBeside(beside);
     shiftDiagonal(factor_);
     tied_ = choleskyInPlace(factor_);
   }
@@ -353,9 +428,11 @@ class Rested {
     for (int r = 0; r < model.freeNodes(); ++r) {
       out.middleRows<3>(3 * r) *= model.elasticity().mass()[model.free()[r]];
     }
-    if (model.framed()) out.bottomRows<6>() = (system().handleMassAtStart() * out.bottomRows<6>()).eval();
+    if (model.framed()) out.bottomRows<6>() = (frameMass() * out.bottomRows<6>()).eval();
     return out;
   }
+  /// With what moves along.
+  Mat6 frameMass() const { return system().handleMassAtStart() + moved_along_; }
 
  private:
   // S, lower triangle; what the step's Delassus operator has of it is taken.
@@ -365,6 +442,50 @@ class Rested {
       if (!in_step.empty()) return step->delassus(in_step, in_step);
     }
     return holding(lowerGram(system(), holds_), 0, ties_);
+  }
+
+  // What rests on a rigid body and nowhere else is mass that moves along: M gains it, and as the force that it presses
+  // with has its share of the last step's acceleration, that is taken out. All else gives way as a spring would.
+  void addBeside(const Beside& beside) {
+    const bool along = system().model().isRigid() && !beside.held;
+    const MatX yields = yieldOf(world_, body_, ties_, beside, along ? 0.0 : system().stiffnessScale());
+    std::vector<Eigen::Index> at;  // of the rows in S
+    for (const std::size_t k : beside.ties) {
+      Eigen::Index first = 0;
+      for (std::size_t i = 0; i < k; ++i) first += ties_[i].rows();
+      for (Eigen::Index row = 0; row < ties_[k].rows(); ++row) at.push_back(first + row);
+    }
+    for (std::size_t i = 0; i < at.size(); ++i) {
+      for (std::size_t j = 0; j <= i; ++j) {
+        factor_(at[i], at[j]) += yields(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(j));
+      }
+    }
+    if (along) addMass(beside, yields, at);
+  }
+
+  void addMass(const Beside& beside, MatX yields, const std::vector<Eigen::Index>& at) {
+    const MatX all = movedTies(MatX::Identity(6, 6));
+    MatX ties(yields.rows(), 6);
+    VecX gains(yields.rows());  // of their side's velocity in the last step [m/s^2]
+    Eigen::Index row = 0;
+    for (const std::size_t k : beside.ties) {
+      const Contact& c = *ties_[k].contact;
+      const int other = otherBody(c, body_);
+      const BodySystem& theirs = world_.body(other).system;
+      const VecX gain = (world_.body(other).state.velocities - theirs.startVelocities()) / theirs.input().step;
+      const Vec3 a = c.first.body == other ? c.first.at(gain) : Vec3(-c.second.at(gain));
+      gains.segment(row, ties_[k].rows()) = ties_[k].axes().transpose() * a;
+      for (Eigen::Index i = 0; i < ties_[k].rows(); ++i, ++row) {
+        ties.row(row) = all.row(at[static_cast<std::size_t>(row)]);
+      }
+    }
+    shiftDiagonal(yields);
+    if (!choleskyInPlace(yields)) return;
+    yields.triangularView<Eigen::Lower>().solveInPlace(ties);
+    yields.triangularView<Eigen::Lower>().solveInPlace(gains);
+    const double s = system().model().elasticity().material().massScale(system().input().step);
+    moved_along_ += ties.transpose() * ties / s;
+    rub_ -= ties.transpose() * gains / s;
   }
 
   // C times columns.
@@ -388,10 +509,11 @@ class Rested {
   int body_;
   std::vector<NodeSum> sums_;
   std::vector<Tie> ties_;
-  Eigen::Index rows_;           // of C
-  std::vector<NodeSum> holds_;  // the body's side of the ties
-  VecX rub_;                    // loads
-  MatX gram_, half_, factor_;   // J A^-1 J^T, C A^-1 J^T and then L^-1 of it, L of S
+  Eigen::Index rows_;                // of C
+  std::vector<NodeSum> holds_;       // the body's side of the ties
+  VecX rub_;                         // loads
+  Mat6 moved_along_ = Mat6::Zero();  // mass of what rests on a rigid body alone
+  MatX gram_, half_, factor_;        // J A^-1 J^T, C A^-1 J^T and then L^-1 of it, L of S
   bool tied_ = false;
 };
 
@@ -534,7 +656,7 @@ PartnerModes takeModes(World& world, int body, const Rested& rested, const Modes
   if (model.isRigid()) {
     out.basis.pose = world.body(body).state.handle.pose;
     if (input.correction != nullptr) out.basis.pose = advance(out.basis.pose, input.correction->shift);
-    out.basis.mass = system.handleMassAtStart();
+    out.basis.mass = rested.frameMass();
   }
   return out;
 }
@@ -659,7 +781,9 @@ PartnerModes reducePartner(World& world, int body, const PartnerInput& input, Ma
   PartnerModes modes;
   MatX own;
   if (together.size() > 1) {
-    own = gluedCompliance(world, together, input.sums);
+    std::vector<int> all = together;
+    addTouched(world, -1, all);
+    own = gluedCompliance(world, all, input.sums);
   } else if (begun != nullptr) {
     modes = begun->finish(input, own);
   } else {
