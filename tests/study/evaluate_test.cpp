@@ -232,6 +232,24 @@ TEST(Live, FeelsWhatLeansOnWhatItTouches) {
   }
 }
 
+// How hard a led rigid tool presses on a rigid box does not follow from where it goes: the world has it from the link.
+// Without, it pressed with next to nothing, and the box stayed where it was, though the hand felt it being dragged.
+TEST(Live, ARigidToolTakesARigidBoxAlong) {
+  const SceneConfig config = readScene(std::string(PALPATE_SOURCE_DIR) + "/studies/hard/box-under.yaml");
+  BuiltScene scene = buildScene(config);
+  const double from = scene.world.body(1).state.handle.pose.position.x();
+  RunSink sink;
+  Vec3 felt = Vec3::Zero(), pressed = Vec3::Zero();
+  sink.tick = [&](const TickRecord& r) { felt = r.raw.head<3>(); };
+  sink.visual = [&](const VisualRecord& r) {
+    if (r.time < 1.0) pressed = r.model.force.head<3>();
+  };
+  runLockstep(scene, timingOf(config), sink);
+  EXPECT_NEAR(scene.world.body(1).state.handle.pose.position.x() - from, 0.027, 0.001);  // less what the link gives
+  const double weight = scene.world.gravity.norm() * scene.world.tool().model.totalMass();
+  EXPECT_NEAR(pressed.z(), felt.z() + weight, 0.02);
+}
+
 // A correction that contact does not let in must not become a motion that the next part goes on with: two bunnies that
 // lean on each other then swung more and more, by 0.4 N and more.
 TEST(Live, FeelsTheSameInPartsOfAStep) {

@@ -452,11 +452,19 @@ void BodySystem::assembleHandle() {
   if (frameCorrected()) b_h_ += mass0_ * correction_.velocity;
 }
 
-// The reaction of the tool moves a handle on its path by less than a ten thousandth of what it moves a free one.
+// Of a rigid tool that is led: what link and weight have beyond what its motion takes. How hard it presses on what it
+// touches follows from nothing else, as its path ends where they touch and not deeper.
+Vec6 BodySystem::leftToContact() const {
+  const Vec6 gained = (input_.followed.end.twist - start_.twist) / input_.step;
+  return handleWrench() + input_.followed.link - mass0_ * gained;
+}
+
+// The reaction of the tool moves a handle on its path by less than a ten thousandth of what it moves a free one; of a
+// rigid tool, which has reactions where its path is off by a micrometer, by ten times as much.
 void BodySystem::weighDown() {
-  constexpr double kHeavy = 1e4;
-  a_hh_.diagonal().head<3>().array() += kHeavy * a_hh_.topLeftCorner<3, 3>().trace();
-  a_hh_.diagonal().tail<3>().array() += kHeavy * a_hh_.bottomRightCorner<3, 3>().trace();
+  const double heavy = model_->isRigid() ? 1e3 : 1e4;
+  a_hh_.diagonal().head<3>().array() += heavy * a_hh_.topLeftCorner<3, 3>().trace();
+  a_hh_.diagonal().tail<3>().array() += heavy * a_hh_.bottomRightCorner<3, 3>().trace();
 }
 
 void BodySystem::addLink(Vec6& wrench) {
@@ -580,7 +588,8 @@ void BodySystem::solveFree() {
     const Eigen::Matrix<double, 6, 6> s = a_hh_ - 0.5 * (q + q.transpose());
     s_inverse_ = inverse(s);
     if (follows()) {
-      u_free_ = poseDifference(input_.followed.end.pose, start_.pose) / input_.step;
+      u_path_ = u_free_ = poseDifference(input_.followed.end.pose, start_.pose) / input_.step;
+      if (model_->isRigid()) u_free_ += s_inverse_ * (input_.step * leftToContact());
       v_free_ = carried_ + solution_.col(6);
     } else {
       u_free_ = s_inverse_ * (b_h_ - a_th_.transpose() * solution_.col(6));
@@ -757,7 +766,7 @@ bool BodySystem::advance() {
   }
   if (model_->framed()) {
     // on its path it has the velocity recorded there, not the mean one
-    Vec6 twist = follows() ? Vec6(input_.followed.end.twist + u_end_ - u_free_) : u_end_;
+    Vec6 twist = follows() ? Vec6(input_.followed.end.twist + u_end_ - u_path_) : u_end_;
     if (frameCorrected()) twist -= correction_.shift / input_.step;
     if (turns_) twist.head<3>() += velocityThere(turned_grip_.position) - carried_grip_.head<3>();
     model_->setHandle({palpate::advance(start_.pose, input_.step * u_end_), twist}, state);

@@ -20,6 +20,7 @@ namespace palpate {
 struct FollowedHandle {
   bool on = false;
   HandleState end;           ///< at the end of the step
+  Vec6 link = Vec6::Zero();  ///< of ToolPath
   double largest_force = 0;  ///< of ToolPath
   /// Of the free nodes, handle's frame, 3 a free node, or empty: displacement that the step makes besides, and what is
   /// added to the velocities at its start. [m], [m/s]
@@ -272,6 +273,7 @@ class BodySystem {
   Vec6 rigidWay(const BodyState& end) const;
   Vec3 velocityThere(const Vec3& x) const;
   Vec6 handleWrench() const;
+  Vec6 leftToContact() const;
   template <class Velocity>
   VecX besideFixed(Velocity velocity) const;
   std::vector<std::vector<Vec3>> nodeAttachmentForces() const;
@@ -335,6 +337,7 @@ class BodySystem {
   VecX on_fixed_;                  // contact impulses on fixed nodes, 3 a node; empty: none are fixed [N s]
   VecX on_glued_;                  // the same of what its own nodes are glued with; empty: none are
   Vec6 u_free_ = Vec6::Zero(), u_end_ = Vec6::Zero();
+  Vec6 u_path_ = Vec6::Zero();  // that leads to the end of the path
 };
 
 }  // namespace palpate

@@ -369,6 +369,7 @@ StepInput World::inputAt(const Way& way, double from, double to) const {
   }
   input.followed.on = true;
   input.followed.end = end;
+  input.followed.link = way.path->link;
   input.followed.largest_force = way.path->largest_force;
   // as evenly as the path: a shift that a part brings as a whole, and contact does not let in, would be a velocity that
   // the parts after it go on with

@@ -233,9 +233,8 @@ VisualRecord LiveVisual::step(World& world, const HandlePath& path, const Device
   record.model = previous;
   ToolPath way = pathSince(path);
   const HandleState& end = way.points.back();
-  way.largest_force =
-      kStrong * saturatedWrenchOnDevice(world.link, end.pose, end.twist, device.pose, device.twist).head<3>().norm() +
-      kAnyway;
+  way.link = -saturatedWrenchOnDevice(world.link, end.pose, end.twist, device.pose, device.twist);
+  way.largest_force = kStrong * way.link.head<3>().norm() + kAnyway;
   if (settings_.bend > 0) {
     way.largest_bend = settings_.bend * boundsOf(world.tool().model.mesh().mesh.nodes).diagonal();
   }
