@@ -49,7 +49,7 @@ struct InfoSummary {
   int file_vertices = 0;
   int file_triangles = 0;
   RepairReport repair;
-  SurfaceMeasures measures;  ///< repaired, holes capped
+  SurfaceMeasures measures;  ///< repaired, see measureSolid()
   TriangleQuality quality;   ///< repaired
   Bounds bounds;
 };

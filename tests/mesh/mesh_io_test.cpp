@@ -118,6 +118,8 @@ TEST(SurfaceIo, RefusesBadFilesInOneLine) {
   std::string binary(84, '\0');
   binary[80] = 5;
   EXPECT_NE(complaint(binary, stl).find("promises 5 triangles"), std::string::npos);
+  EXPECT_NE(complaint("solid" + binary.substr(5), stl).find("promises 5 triangles"), std::string::npos);
+  EXPECT_NE(complaint("solid" + binary.substr(5, 60), stl).find("at least 84 bytes"), std::string::npos);
   EXPECT_NE(
       complaint("ply\nformat ascii 1.0\nelement vertex 4000000000\nproperty float x\nend_header\n", ply).find("ends"),
       std::string::npos);

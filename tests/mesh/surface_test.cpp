@@ -91,6 +91,41 @@ TEST(MassProperties, ACavityIsLeftOut) {
   EXPECT_NEAR(m.inertia(0, 0), 8 * 0.04 / 6 - 1 * 0.01 / 6, 1e-13);
 }
 
+TEST(MassProperties, AHoleIsClosed) {
+  Surface box = boxSurface(Vec3(0.1, 0.2, 0.3));
+  const MassProperties whole = surfaceMassProperties(box, 1000);
+  for (Vec3& x : box.vertices) x += Vec3(0.3, 0.2, 0.1);
+  box.triangles.resize(box.triangles.size() - 2);
+  ASSERT_EQ(inspectTopology(box).boundary_edges, 4);
+  const MassProperties open = surfaceMassProperties(box, 1000);
+  EXPECT_NEAR(open.mass, whole.mass, 1e-12);
+  EXPECT_LT((open.center_of_mass - whole.center_of_mass - Vec3(0.3, 0.2, 0.1)).norm(), 1e-12);
+  EXPECT_LT((open.inertia - whole.inertia).norm(), 1e-12);
+}
+
+TEST(MassProperties, WhatLiesInSeveralSolidsCountsOnce) {
+  const auto both = [](Surface a, const Surface& b, const Vec3& shift) {
+    for (auto t : b.triangles) {
+      for (int& v : t) v += static_cast<int>(a.vertices.size());
+      a.triangles.push_back(t);
+    }
+    for (const Vec3& x : b.vertices) a.vertices.push_back(x + shift);
+    return a;
+  };
+  const Surface box = boxSurface(Vec3::Constant(0.2));
+  const MassProperties crossing = surfaceMassProperties(both(box, box, Vec3(0.1, 0, 0)), 1000);
+  EXPECT_NEAR(crossing.mass, 12, 1e-4);
+  EXPECT_LT((crossing.center_of_mass - Vec3(0.05, 0, 0)).norm(), 1e-6);
+  EXPECT_NEAR(crossing.inertia(0, 0), 12 * 0.08 / 12, 1e-6);
+  EXPECT_NEAR(crossing.inertia(2, 2), 12 * (0.09 + 0.04) / 12, 1e-6);
+  EXPECT_LT(std::abs(crossing.inertia(0, 1)), 1e-6);
+  const MassProperties nested = surfaceMassProperties(both(box, sphereSurface(0.05, 4), Vec3(0.03, 0, 0)), 1000);
+  EXPECT_NEAR(nested.mass, 8, 1e-4);
+  EXPECT_LT(nested.center_of_mass.norm(), 1e-6);
+  const MassProperties touching = surfaceMassProperties(both(box, box, Vec3(0.2, 0, 0)), 1000);
+  EXPECT_NEAR(touching.mass, 16, 1e-12);
+}
+
 TEST(MassProperties, RejectsWhatHasNoMass) {
   Surface inside_out = boxSurface(Vec3::Constant(0.2));
   for (auto& t : inside_out.triangles) std::swap(t[0], t[1]);

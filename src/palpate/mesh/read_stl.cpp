@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <cmath>
 
 #include "palpate/common/error.h"
@@ -10,6 +11,11 @@ namespace {
 
 constexpr size_t kHeaderSize = 80;
 constexpr size_t kRecordSize = 50;
+
+/// Whether there are bytes that no text has.
+bool isBinary(std::string_view data) {
+  return std::any_of(data.begin(), data.end(), [](char c) { return c >= 0 && c < ' ' && (c < '\t' || c > '\r'); });
+}
 
 void readStlText(std::string_view data, SurfaceBuilder& builder) {
   TextScanner scan(data, builder.name());
@@ -70,7 +76,9 @@ void readStl(std::string_view data, SurfaceBuilder& builder) {
   // Some binary files begin with "solid" too, so the size decides first.
   if (fits) return readStlBinary(data, count, builder);
   const size_t word = data.find_first_not_of(" \t\r\n");
-  if (word != std::string_view::npos && data.substr(word, 5) == "solid") return readStlText(data, builder);
+  // Where the size is wrong, count and first triangle tell, whose bytes are zero here and there.
+  const bool binary = isBinary(has_count ? data.substr(kHeaderSize, 4 + kRecordSize) : data);
+  if (!binary && word != std::string_view::npos && data.substr(word, 5) == "solid") return readStlText(data, builder);
   if (!has_count) throw InputError(builder.name(), "", "is truncated: a binary STL file has at least 84 bytes");
   if (data.size() - kHeaderSize - 4 < kRecordSize * static_cast<size_t>(count))
     throw InputError(builder.name(), "", "is truncated: its header promises " + std::to_string(count) + " triangles");

@@ -18,6 +18,12 @@ struct SurfaceMeasures {
 /// By the divergence theorem: one signed tetrahedron a triangle. Exact for closed surfaces only (see capHoles).
 SurfaceMeasures measureSurface(const Surface& surface);
 
+/// Of a surface with its holes capped (the area, too, is with the caps), where volume that lies in several of its
+/// solids counts once, by the winding number: what overlaps is integrated along a grid of lines, within about 1e-6 of
+/// the whole. Exact where no more than 0.2 % overlaps, which is left as it is. Inner shells that point into a cavity
+/// leave it out.
+SurfaceMeasures measureSolid(const Surface& surface);
+
 /// Of a rigid body.
 struct MassProperties {
   double mass = 0;                     ///< [kg]
@@ -25,8 +31,7 @@ struct MassProperties {
   Mat3 inertia = Mat3::Zero();         ///< [kg m^2] about the center of mass, along the surface's axes
 };
 
-/// Of the homogeneous solid inside a closed, outward-oriented surface; inner shells that point into a cavity leave it
-/// out. Exact for the polyhedron.
+/// Of the homogeneous solid inside an outward-oriented surface, see measureSolid().
 /// @param density  [kg/m^3]
 /// @throws InputError(name, ...) unless the surface bounds a positive volume and the density is positive
 MassProperties surfaceMassProperties(const Surface& surface, double density, const std::string& name = "surface");
