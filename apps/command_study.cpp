@@ -1,8 +1,11 @@
 #include <fmt/format.h>
-#include <spawn.h>
+#include <signal.h>
+#include <sys/prctl.h>
 #include <sys/wait.h>
+#include <unistd.h>
 
 #include <algorithm>
+#include <chrono>
 #include <cstdio>
 #include <filesystem>
 #include <map>
@@ -11,6 +14,7 @@
 #include <numeric>
 #include <stdexcept>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include "commands.h"
@@ -18,10 +22,9 @@
 #include "palpate/cases/case_run.h"
 #include "palpate/cases/plan.h"
 #include "palpate/common/error.h"
+#include "palpate/common/interruption.h"
 #include "palpate/scene/reader.h"
 #include "progress.h"
-
-extern char** environ;  // NOLINT(readability-identifier-naming): of POSIX
 
 namespace palpate {
 namespace {
@@ -68,13 +71,43 @@ bool runHere(const StudyOptions& options, int number, bool only) {
   }
 }
 
+/// This program once more. However this process ends, that one is told to.
+pid_t startAnother(const std::vector<char*>& arguments) {
+  const pid_t parent = ::getpid();
+  const pid_t process = ::fork();
+  if (process < 0) throw RunError("cannot start another process of this program");
+  if (process > 0) return process;
+  // Only system calls: other threads, and what they have locked, are not there.
+  ::prctl(PR_SET_PDEATHSIG, SIGTERM);
+  if (::getppid() == parent) ::execv("/proc/self/exe", arguments.data());
+  ::_exit(127);
+}
+
+/// Once a signal has asked, passes it on to the cases that run, which remove what is unfinished, and ends with them.
+void endIfAsked(std::map<pid_t, int>& running) {
+  if (!interruptionAsked()) return;
+  while (!running.empty()) {
+    // Again and again: one that comes while a process begins is lost.
+    for (const auto& [process, number] : running) ::kill(process, interruptionSignal());
+    std::this_thread::sleep_for(std::chrono::milliseconds(20));
+    std::erase_if(running, [](const auto& one) { return ::waitpid(one.first, nullptr, WNOHANG) != 0; });
+  }
+  throw Interrupted("interrupted; the next run goes on with the cases that are not done", interruptionSignal());
+}
+
 /// Each case in a process of its own, with one thread, so many at a time. @returns those that failed
 std::vector<int> runSideBySide(const StudyOptions& options, const std::vector<int>& cases) {
   std::vector<int> failed;
   std::map<pid_t, int> running;
+  const InterruptionAsks asks;
   const auto await = [&] {
     int status = 0;
-    const pid_t ended = ::waitpid(-1, &status, 0);
+    pid_t ended = 0;
+    // Looks now and then: a signal that comes right before the call would not end a wait.
+    while ((ended = ::waitpid(-1, &status, WNOHANG)) == 0) {
+      endIfAsked(running);
+      std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    }
     const auto found = running.find(ended);
     if (found == running.end()) throw RunError("a case was lost track of");
     if (!WIFEXITED(status) || WEXITSTATUS(status) != 0) failed.push_back(found->second);
@@ -88,12 +121,11 @@ std::vector<int> runSideBySide(const StudyOptions& options, const std::vector<in
     std::vector<char*> arguments;
     for (std::string& word : words) arguments.push_back(word.data());
     arguments.push_back(nullptr);
-    pid_t process = 0;
-    if (::posix_spawn(&process, "/proc/self/exe", nullptr, nullptr, arguments.data(), environ) != 0)
-      throw RunError("cannot start another process of this program");
-    running[process] = number;
+    endIfAsked(running);
+    running[startAnother(arguments)] = number;
   }
   while (!running.empty()) await();
+  endIfAsked(running);
   return failed;
 }
 

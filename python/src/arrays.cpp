@@ -27,6 +27,15 @@ Matrix matrixFrom(py::handle source, const std::string& what, py::ssize_t size) 
 
 }  // namespace
 
+VecX rowsOfThreeFrom(py::handle source, const std::string& what, py::ssize_t rows) {
+  const DoubleArray array = doubles(source, what);
+  // by the shape, not the size: transposed, each node would get numbers of others
+  if (array.ndim() != 2 || array.shape(0) != rows || array.shape(1) != 3) {
+    throw py::value_error(what + ": must be " + std::to_string(rows) + " x 3");
+  }
+  return Eigen::Map<const VecX>(array.data(), array.size());
+}
+
 Mat3 mat3From(py::handle source, const std::string& what) { return matrixFrom<Mat3>(source, what, 3); }
 Mat6 mat6From(py::handle source, const std::string& what) { return matrixFrom<Mat6>(source, what, 6); }
 

@@ -59,17 +59,22 @@ using DoubleArray = py::array_t<double, py::array::c_style | py::array::forcecas
 /// An array of float64 in C order, copied only if it is something else. @throws ValueError
 DoubleArray doubles(py::handle source, const std::string& what);
 
-/// The numbers of an array of the given size. @throws ValueError
+/// The numbers of an array of one dimension and the given size. @throws ValueError
 template <class Vector>
 Vector vectorFrom(py::handle source, const std::string& what, py::ssize_t size) {
   const DoubleArray array = doubles(source, what);
   if (array.size() != size) {
     throw py::value_error(what + ": must be " + std::to_string(size) + " numbers, not " + std::to_string(array.size()));
   }
+  if (array.ndim() != 1) {
+    throw py::value_error(what + ": must have one dimension, not " + std::to_string(array.ndim()));
+  }
   return Eigen::Map<const VecX>(array.data(), array.size());
 }
 inline Vec3 vec3From(py::handle source, const std::string& what) { return vectorFrom<Vec3>(source, what, 3); }
 inline Vec6 vec6From(py::handle source, const std::string& what) { return vectorFrom<Vec6>(source, what, 6); }
+/// The numbers of an array (rows, 3), one row after the other. @throws ValueError
+VecX rowsOfThreeFrom(py::handle source, const std::string& what, py::ssize_t rows);
 /// A 3x3 or 6x6 matrix. @throws ValueError
 Mat3 mat3From(py::handle source, const std::string& what);
 Mat6 mat6From(py::handle source, const std::string& what);

@@ -121,12 +121,20 @@ class SlowPythonDevice final : public Device {
   std::exception_ptr failure_;
 };
 
-// Rows of 7 (pose) or 13 (pose and twist) numbers.
+// Rows of 7 (pose) or 13 (pose and twist) numbers. Quaternions are taken as from a recording. @throws ValueError
 std::vector<DeviceState> statesFrom(const double* rows, py::ssize_t count, py::ssize_t columns) {
   std::vector<DeviceState> out(static_cast<std::size_t>(count));
   for (DeviceState& state : out) {
     state.pose.position = Eigen::Map<const Vec3>(rows);
-    state.pose.rotation = Quat(rows[3], rows[4], rows[5], rows[6]);
+    Quat& rotation = state.pose.rotation;
+    rotation = Quat(rows[3], rows[4], rows[5], rows[6]);
+    const double norm = rotation.norm();
+    if (!(norm > 0.9 && norm < 1.1)) {
+      throw py::value_error("motion: row " + std::to_string(&state - out.data()) +
+                            ": quaternion qw qx qy qz must have norm 1");
+    }
+    // one that is a unit quaternion already keeps its bits
+    if (std::abs(norm - 1.0) > 1e-12) rotation.normalize();
     if (columns == 13) state.twist = Eigen::Map<const Vec6>(rows + 7);
     rows += columns;
   }

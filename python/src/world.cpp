@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <limits>
 
 #include "owners.h"
 #include "palpate/common/error.h"
@@ -24,6 +25,19 @@ void take(const py::dict& options, const char* key, std::optional<T>& target) {
     target = options[key].cast<T>();
   } catch (const py::cast_error&) {
     throw py::type_error(std::string(key) + ": is a " + (std::is_same_v<T, std::string> ? "text" : "number"));
+  }
+}
+
+// By itself: a whole number that does not fit is out of range, not no number.
+std::optional<std::uint64_t> seedFrom(const py::dict& options) {
+  if (!options.contains("seed") || options["seed"].is_none()) return std::nullopt;
+  const py::object given = options["seed"];
+  try {
+    return given.cast<std::uint64_t>();
+  } catch (const py::cast_error&) {
+    if (!PyIndex_Check(given.ptr())) throw py::type_error("seed: is a number");
+    throw py::value_error(fmt::format("seed: {} is out of range; it must be 0 to {}",
+                                      py::str(given).cast<std::string>(), std::numeric_limits<std::uint64_t>::max()));
   }
 }
 
@@ -48,7 +62,7 @@ Overrides overridesFrom(const py::dict& options) {
   take(options, "visual_dt", out.visual_dt);
   take(options, "latency", out.latency);
   take(options, "jitter", out.jitter);
-  take(options, "seed", out.seed);
+  out.seed = seedFrom(options);
   take(options, "tetrahedra", out.tetrahedra);
   return out;
 }
@@ -334,8 +348,9 @@ py::object stiffness(const BodyView& self) {
 void setState(const BodyView& self, py::handle positions, py::handle velocities) {
   const WorldOwner::Use use(*self.owner);
   BodyState state = self.body().state;
-  if (!positions.is_none()) state.positions = vectorFrom<VecX>(positions, "positions", state.positions.size());
-  if (!velocities.is_none()) state.velocities = vectorFrom<VecX>(velocities, "velocities", state.velocities.size());
+  const py::ssize_t nodes = state.positions.size() / 3;
+  if (!positions.is_none()) state.positions = rowsOfThreeFrom(positions, "positions", nodes);
+  if (!velocities.is_none()) state.velocities = rowsOfThreeFrom(velocities, "velocities", nodes);
   if (!state.isFinite()) throw py::value_error("state: is not finite");
   const BodyModel& model = self.body().model;
   if (model.framed()) model.setHandle(state.handle, state);

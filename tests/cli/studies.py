@@ -3,12 +3,15 @@
 import csv
 import filecmp
 import json
+import os
 import re
 import resource
 import signal
+import subprocess
 import time
+from pathlib import Path
 
-from harness import SCENE, case, expect, rejected_variants, with_python
+from harness import SCENE, Failure, case, expect, rejected_variants, with_python
 
 STUDY = """\
 palpate_study: 1
@@ -223,3 +226,31 @@ def schema_agrees_with_the_reader(context):
     for file, word in wrong.items():
         expect(any(word in line for line in found[str(file)]), f"{file.name}: the schema says {found[str(file)]}")
         context.rejects(["validate", file], (word,))
+
+
+rejected_variants("study-rejects", {
+    "value-not-utf8": study_with(lambda t: t.encode().replace(b"0.5]", b"1\xff]"), ("study.yaml", "tool.friction", "is not a number")),
+})  # fmt: skip
+
+
+@case
+def study_ends_with_its_cases(context):
+    """A signal to the program alone ends the cases at work for it, and what is unfinished goes; after SIGKILL, too."""
+    folder = planned(context, STUDY.replace("duration: 0.1", "duration: 300"))
+    for sent in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGKILL):
+        process = context.start(["study", "run", folder, "--jobs", "2"])
+        deadline = time.monotonic() + 60
+        while time.monotonic() < deadline and len(list(folder.glob("cases/*/.partial-*/*"))) < 2:
+            time.sleep(0.02)
+        workers = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+        process.send_signal(sent)
+        try:
+            process.communicate(timeout=30)  # to the end of the cases, which hold its output too
+        except subprocess.TimeoutExpired:
+            for worker in workers:
+                os.kill(int(worker), signal.SIGKILL)
+            raise Failure(f"cases run on after signal {sent}")
+        code = -sent if sent == signal.SIGKILL else 128 + sent
+        expect(process.returncode == code and len(workers) == 2, f"exit code {process.returncode}, workers {workers}")
+        left = list(folder.glob("cases/*/.partial-*"))
+        expect(not left, f"after signal {sent}: {left}")

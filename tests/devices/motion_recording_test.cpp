@@ -65,7 +65,9 @@ TEST(MotionRecording, ErrorsNameFileLineAndCause) {
   EXPECT_EQ(errorOf(header + "0,0,0,0,1,0,0,0\n0,0,0,0,1,0,0,0\n"),
             "motion.csv: line 3: time_s must increase from row to row");
   EXPECT_EQ(errorOf("buttons," + header + "-1,0,0,0,0,1,0,0,0\n"),
-            "motion.csv: line 2: buttons must be 0 to 4294967295");
+            "motion.csv: line 2: buttons must be a whole number from 0 to 4294967295");
+  EXPECT_EQ(errorOf("buttons," + header + "1.5,0,0,0,0,1,0,0,0\n"),
+            "motion.csv: line 2: buttons must be a whole number from 0 to 4294967295");
   EXPECT_EQ(errorOf(std::string(100000, 'x')), "motion.csv: line 1: unknown column '" + std::string(40, 'x') + "...'");
   EXPECT_EQ(errorOf(header + "0,0,0,0,1,0,0,0\n"), "accepted");
 }

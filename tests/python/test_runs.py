@@ -61,6 +61,20 @@ class Runs(unittest.TestCase):
         np.testing.assert_array_equal(np.concatenate([p.ticks for p in parts]), whole.ticks)
         self.assertEqual(len(run.finish()), 0)
 
+    def test_a_motion_has_unit_quaternions(self):
+        rows, scene = motion_rows(20)[:, :7], cube()
+        rounded = rows.copy()
+        rounded[:, 3:] = 0.95 * rows[:, 3:]
+        trace = palpate.Run(scene, motion=rounded).finish()
+        np.testing.assert_allclose(trace.device, rows, atol=1e-15)
+        for factor in (0.0, 2.0, -1.2):
+            bad = rows.copy()
+            bad[7, 3:] *= factor
+            for job in (lambda: palpate.Run(scene, motion=bad), lambda: palpate.Run(scene).advance(motion=bad),
+                        lambda: palpate.rollout(scene, motion=bad)):  # fmt: skip
+                with self.assertRaisesRegex(ValueError, "^motion: row 7: .* norm 1"):
+                    job()
+
     def test_restored_it_goes_on_to_the_bit(self):
         for method in ("live", "hsl"):
             scene = cube(method=method, device="simulated", duration=1.0)

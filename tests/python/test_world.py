@@ -106,6 +106,17 @@ class Errors(unittest.TestCase):
         with self.assertRaisesRegex(TypeError, "visual_step"):
             cube(visual_step=0.01)
 
+    def test_a_seed_has_64_bits(self):
+        for seed in (0, 2**63, 2**64 - 1):
+            scene = cube(seed=seed)
+            self.assertEqual(scene.seed, seed)
+            self.assertEqual(palpate.Scene.from_text(scene.text()).seed, seed)
+        for seed in (-1, 2**64):
+            with self.assertRaisesRegex(ValueError, "^seed: "):
+                cube(seed=seed)
+        with self.assertRaisesRegex(TypeError, "^seed: "):
+            cube(seed="many")
+
     def test_what_is_not_there_or_no_number(self):
         with self.assertRaisesRegex(ValueError, "no_such"):
             palpate.Scene("no_such.yaml")
@@ -118,10 +129,15 @@ class Errors(unittest.TestCase):
                 world.step(step=bad)
         with self.assertRaisesRegex(ValueError, "position"):
             palpate.Pose([1, 2])
+        with self.assertRaisesRegex(ValueError, "position: .*one dimension"):
+            palpate.Pose(np.zeros((3, 1)))
         with self.assertRaisesRegex(ValueError, "rotation"):
             palpate.Pose(rotation=2 * np.eye(3))
         with self.assertRaisesRegex(ValueError, "positions"):
             world.tool.set_state(np.zeros((3, 3)))
+        for key in ("positions", "velocities"):
+            with self.assertRaisesRegex(ValueError, f"{key}: must be {world.tool.nodes} x 3"):
+                world.tool.set_state(**{key: np.zeros((3, world.tool.nodes))})
         with self.assertRaisesRegex(ValueError, "finite"):
             world.step(palpate.Pose([np.nan, 0, 0]))
 

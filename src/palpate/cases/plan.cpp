@@ -205,7 +205,8 @@ SceneConfig sceneFor(const StudyConfig& study, const SceneConfig& scene, const s
     checkCase(study, out);
     return out;
   } catch (const InputError& e) {
-    throw InputError(study.file.string(), "", fmt::format("the case {}: {}", printable(axes.dump(), 160), e.what()));
+    const std::string which = axes.dump(-1, ' ', false, Json::error_handler_t::replace);  // its bytes may be no UTF-8
+    throw InputError(study.file.string(), "", fmt::format("the case {}: {}", printable(which, 160), e.what()));
   }
 }
 

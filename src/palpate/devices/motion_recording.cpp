@@ -130,7 +130,8 @@ class Parser {
     // One written with few digits is made a unit one; an exact one keeps its bits.
     if (std::abs(norm - 1.0) > 1e-12) rotation.normalize();
     sample.state.twist << row[8], row[9], row[10], row[11], row[12], row[13];
-    if (!(row[14] >= 0.0 && row[14] <= 4294967295.0)) fail("buttons must be 0 to 4294967295");
+    if (!(row[14] >= 0.0 && row[14] <= 4294967295.0) || row[14] != std::floor(row[14]))
+      fail("buttons must be a whole number from 0 to 4294967295");
     sample.state.buttons = static_cast<std::uint32_t>(row[14]);
     return sample;
   }
