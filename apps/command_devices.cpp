@@ -246,7 +246,7 @@ void devices(const DevicesOptions& options) {
     const Look found = look(options.test, OpenFor::running);
     if (found.driver) {
       fmt::print("two seconds of reading, without force: move it about and press its buttons\n");
-      std::fflush(stdout);
+      flushOutput();
       const TestResult result = test(*found.driver);
       take(found);
       print(result);
@@ -263,7 +263,7 @@ void devices(const DevicesOptions& options) {
     missing.clear();
   }
   if (!options.report.empty()) writeReport(options.report, all);
-  std::fflush(stdout);
+  flushOutput();
   if (!missing.empty()) throw RunError(missing);
 }
 

@@ -22,6 +22,7 @@ struct ExportOptions {
   std::vector<std::string> parts;
   std::optional<double> time;
   SeriesOptions series;
+  std::vector<std::string> of_series;  ///< options given that only a series takes
 };
 
 // Before anything is read.
@@ -29,8 +30,8 @@ void checkOptions(ExportOptions& options) {
   const bool single = !options.surface.empty() || !options.mesh.empty();
   if (options.time && !single)
     throw InputError("--time", "", "needs --surface or --mesh; a series takes --from and --to");
-  if (single && !options.parts.empty())
-    throw InputError("--parts", "", "is for a series, without --surface and --mesh");
+  if (single && !options.of_series.empty())
+    throw InputError(options.of_series.front(), "", "is for a series, without --surface and --mesh");
   if (!options.mesh.empty() && endingOf(options.mesh) != ".vtu")
     throw InputError("--mesh", "", "the name of the simulation mesh must end in .vtu");
   if (!options.surface.empty() && !canWrite(surfaceFormatOf(options.surface)))
@@ -123,7 +124,11 @@ void addExportCommand(CLI::App& app) {
       ->type_name("FILE");
   command->add_option("--time", options->time, "Time of surface and mesh, s; default: as built")->type_name("T");
   command->add_option("--body", options->body, "Of this body only")->check(kNotEmpty)->type_name("NAME");
-  command->callback([options] { exportRun(*options); });
+  command->callback([options, command] {
+    for (const char* name : {"--parts", "--from", "--to", "--every", "--out"})
+      if (command->count(name) > 0) options->of_series.emplace_back(name);
+    exportRun(*options);
+  });
 }
 
 }  // namespace palpate

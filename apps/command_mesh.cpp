@@ -149,7 +149,7 @@ InfoSummary runMeshInfo(const std::string& path) {
   s.file_vertices = static_cast<int>(raw.vertices.size());
   s.file_triangles = static_cast<int>(raw.triangles.size());
   s.repair = repaired.report;
-  s.measures = measureSurface(capHoles(repaired.surface));
+  s.measures = measureSolid(repaired.surface);
   s.quality = measureQuality(repaired.surface);
   s.bounds = boundsOf(repaired.surface.vertices);
   return s;
@@ -227,10 +227,22 @@ Surface makeShape(const MakeCommand& c) {
   throw InputError("mesh make", "shape", "must be alien, bar, box, sphere or capsule, not '" + c.shape + "'");
 }
 
+// By its name; other kinds of file are only read.
+void requireWritable(const MakeCommand& c) {
+  const std::string ending = endingOf(c.out);
+  if (ending == ".obj" || ending == ".stl" || ending == ".ply" || ending == ".off") return;
+  if (c.shape != "bar")
+    throw InputError("--out", "", "the name of a surface must end in .obj, .stl, .ply or .off, not '" + c.out + "'");
+  if (!isVolumeFile(c.out))
+    throw InputError("--out", "",
+                     "the name of a bar must end in .obj, .stl, .ply, .off, .vtu or .vtk, not '" + c.out + "'");
+}
+
 }  // namespace
 
 MakeSummary runMeshMake(const MakeCommand& command) {
   requireLength("--size", command.size);
+  requireWritable(command);
   MakeSummary s{command.shape, command.out, 0, 0, 0};
   Surface surface;
   if (command.shape == "bar") {
@@ -274,8 +286,14 @@ void addSurface(CLI::App& command, std::string& surface) {
       ->type_name("SURFACE");
 }
 
+// 0 stands for none given, so it is no size that one may give.
 void addSize(CLI::App& command, double& size, const std::string& what) {
-  command.add_option("--size", size, what)->type_name("S");
+  const auto take = [&size](const double& given) {
+    requireLength("--size", given);
+    if (given == 0) throw InputError("--size", "", "must be more than 0 m");
+    size = given;
+  };
+  command.add_option_function<double>("--size", take, what)->type_name("S");
 }
 
 constexpr const char* kSizeOfFile = "Longest side of the bounding box, m; default: lengths as in the file";
@@ -337,8 +355,12 @@ void addMake(CLI::App& group) {
       ->required()
       ->type_name("FILE");
   addSize(*command, options->size, "Height, length or diameter, m");
-  command->add_option("--cells", options->cells, "Cells of a bar along x, y, z")->type_name("NX NY NZ");
-  command->callback([options] { fmt::print("{}", formatReport(runMeshMake(*options))); });
+  CLI::Option* cells =
+      command->add_option("--cells", options->cells, "Cells of a bar along x, y, z")->type_name("NX NY NZ");
+  command->callback([options, cells] {
+    if (cells->count() > 0 && options->shape != "bar") throw InputError("--cells", "", "is for a bar");
+    fmt::print("{}", formatReport(runMeshMake(*options)));
+  });
 }
 
 }  // namespace

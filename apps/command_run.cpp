@@ -160,7 +160,7 @@ void run(RunOptions options) {
   fmt::print("{}, method {}, held by {}\n{}report: {}/report.html\n", config.name, toString(config.method),
              config.tool.handle, files.table(color), out);
   if (!outcome.realtime_note.empty()) fmt::print("real-time priority: {}\n", outcome.realtime_note);
-  std::fflush(stdout);
+  flushOutput();
   tellHowItEnded(outcome, files, out);
 }
 

@@ -1,5 +1,6 @@
 #include <fmt/format.h>
 
+#include <cstdint>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -18,6 +19,7 @@
 #include "palpate/scene/reader.h"
 #include "palpate/study/soak.h"
 #include "progress.h"
+#include "scene_options.h"
 
 namespace palpate {
 namespace {
@@ -26,7 +28,7 @@ struct SoakOptions {
   std::vector<std::string> scenes;
   SoakSettings settings;
   std::optional<std::string> method;
-  std::optional<long long> seed;
+  std::optional<std::uint64_t> seed;
   std::string out = "out/soak";
 };
 
@@ -85,7 +87,7 @@ void addSoakCommand(CLI::App& app) {
   command->add_option("--method", options->method, "live, hsl, hsl-exact or vc")
       ->check(offers(methodNames()))
       ->type_name("NAME");
-  command->add_option("--seed", options->seed, "Of the hands and their motion")->type_name("N");
+  addSeed(*command, options->seed, "Of the hands and their motion");
   command->add_option("--out", options->out, "Folder for summary.json")
       ->check(kNotEmpty)
       ->type_name("DIR")

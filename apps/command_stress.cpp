@@ -1,6 +1,5 @@
 #include <fmt/format.h>
 
-#include <csignal>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -8,6 +7,7 @@
 
 #include "commands.h"
 #include "palpate/common/error.h"
+#include "palpate/common/interruption.h"
 #include "palpate/record/json_file.h"
 #include "palpate/record/output_folder.h"
 #include "palpate/study/stress_output.h"
@@ -24,20 +24,6 @@ struct StressOptions {
   StressMotion motion;
   bool by_clock = false, solve_static = false;
   std::string out;
-};
-
-volatile std::sig_atomic_t interrupted = 0;
-
-/// While it lives, Ctrl+C only asks to come to an end.
-class InterruptAsks {
- public:
-  InterruptAsks() : before_(std::signal(SIGINT, [](int) { interrupted = 1; })) {}
-  ~InterruptAsks() { std::signal(SIGINT, before_); }
-  InterruptAsks(const InterruptAsks&) = delete;
-  InterruptAsks& operator=(const InterruptAsks&) = delete;
-
- private:
-  void (*before_)(int);
 };
 
 StressSettings settingsOf(const StressOptions& options, const SceneConfig& config) {
@@ -78,15 +64,16 @@ void print(const std::string& scene, const StressSettings& settings, const Stres
 void stress(const StressOptions& options) {
   SceneConfig config = options.scene.read();
   const StressSettings settings = settingsOf(options, config);
-  OutputFolder folder(options.out.empty() ? "out/stress-" + config.name : options.out);
+  const std::string out = options.out.empty() ? "out/stress-" + config.name : options.out;
+  OutputFolder folder(out);
   BuiltScene scene = buildScene(config);
+  const InterruptionAsks asks;  // until what there is has been written
   StressOutcome o;
   {
-    const InterruptAsks asks;
     Progress progress("stress " + config.name);
     o = runStress(scene, settings, [&](double share) {
       progress(share);
-      return interrupted == 0;
+      return !interruptionAsked().load();
     });
   }
   print(config.name, settings, o);
@@ -95,6 +82,7 @@ void stress(const StressOptions& options) {
   folder.commit();
   const std::vector<std::string> failures = stressFailures(o);
   for (const std::string& line : failures) fmt::print("  FAILED: {}\n", line);
+  if (interruptionAsked()) throw Interrupted("interrupted; what there is is in " + out, interruptionSignal());
   if (!failures.empty()) throw ChecksFailed(fmt::format("{}: {} criteria failed", config.name, failures.size()));
 }
 
@@ -106,6 +94,7 @@ void addStressCommand(CLI::App& app) {
       "stress", "Drive a scene with a violent random hand; exit code 3 if anything crosses, freezes or fails");
   options->scene.addScene(*command);
   options->scene.addOverrides(*command);
+  command->remove_option(command->get_option("--duration"));  // steps and rides say how long it is
   command
       ->add_option("--hand", options->hand,
                    "wild: bursts with jumps, then calm; ride: bounded motion from the start and home again, many times")

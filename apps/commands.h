@@ -1,6 +1,8 @@
 #pragma once
 
 #include <CLI/CLI.hpp>
+#include <cerrno>
+#include <cstdio>
 #include <stdexcept>
 #include <string>
 
@@ -25,6 +27,12 @@ class Interrupted : public std::runtime_error {
  private:
   int signal_;
 };
+
+/// Why a flush of standard output failed first, as errno; 0: none has. The stream itself forgets it.
+inline int output_error = 0;
+inline void flushOutput() {
+  if (std::fflush(stdout) != 0 && output_error == 0) output_error = errno;
+}
 
 // Each adds one subcommand to the program. Its callback does the job; it throws InputError (exit code 2) for bad input
 // and RunError (exit code 1) for a failed run.

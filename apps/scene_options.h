@@ -1,6 +1,10 @@
 #pragma once
 
 #include <CLI/CLI.hpp>
+#include <charconv>
+#include <cstdint>
+#include <limits>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -26,6 +30,24 @@ inline void addCommonOverrides(CLI::App& command, Overrides& overrides) {
   command.add_option("--jitter", overrides.jitter, "Visual steps that a result may be later still, by chance")
       ->type_name("N");
   command.add_option("--tetrahedra", overrides.tetrahedra, "Wanted size of the tool's simulation mesh")->type_name("N");
+}
+
+/// CLI11 would take a number beyond the largest as the largest.
+inline void addSeed(CLI::App& command, std::optional<std::uint64_t>& seed, const std::string& help) {
+  command
+      .add_option_function<std::string>(
+          "--seed",
+          [&seed](const std::string& text) {
+            std::uint64_t value = 0;
+            const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+            if (error != std::errc() || end != text.data() + text.size()) {
+              throw CLI::ValidationError("--seed", text + " is not a whole number from 0 to " +
+                                                       std::to_string(std::numeric_limits<std::uint64_t>::max()));
+            }
+            seed = value;
+          },
+          help)
+      ->type_name("N");
 }
 
 /// Words for --device, which takes a file behind one of them.
@@ -73,8 +95,7 @@ struct SceneOptions {
                     "simulated, prescribed, recorded:FILE, or one of palpate devices, NAME[:key=value,...]")
         ->check(offers(deviceWords()))
         ->type_name("NAME");
-    command.add_option("--seed", overrides.seed, "Of everything random: jitter, the motion of palpate stress")
-        ->type_name("N");
+    addSeed(command, overrides.seed, "Of everything random: jitter, the motion of palpate stress");
   }
 
   SceneConfig read() const {

@@ -113,6 +113,7 @@ rejected_variants("bad-scene", {
     "too-many-cells": replaced("cells: [2, 2, 2]", "cells: [200, 200, 200]"),
     "zero-duration": spoiled("duration", "0"),
     "endless-duration": spoiled("duration", "1e300"),
+    "too-many-ticks": replaced("duration: 0.3", "duration: 3600\nhaptic: {step: 0.00001}", "yaml: duration: 3600 s"),
     "time-goes-back": replaced("t: 0.2", "t: 0.0"),
     "no-handles": replaced(SCENE[SCENE.index("    top:"):SCENE.index("obstacles:")], "    {}\n", "handles"),
     "region-without-nodes": replaced("point: [0, 0, 0.079]", "point: [0, 0, 5]", "top"),
@@ -226,6 +227,7 @@ rejected_variants("bad-stress", {
     "seeds-wild": stress_option("--seeds", "3"),
     "seeds-and-steps": stress_option("--seeds", "3", "--steps", "10", "--hand", "ride"),
     "static-wild": stress_option("--static"),
+    "duration": stress_option("--duration", "1"),
 })
 
 rejected_variants("bad-option", {
@@ -244,6 +246,8 @@ rejected_variants("bad-option", {
     "handle": option("--handle", "tail"),
     "device": option("--device", "wand"),
     "seed": option("--seed", "x"),
+    "seed-negative": option("--seed", "-1"),
+    "seed-too-large": option("--seed", str(2**64)),
     "subcommand": lambda c: (["fly"], ["fly"]),
     "no-subcommand": lambda c: ([], []),
     "out-below-a-file": lambda c: (["run", c.file("s.yaml", SCENE), "--out", c.file("taken", "") / "out"], ["taken"]),
@@ -267,6 +271,36 @@ rejected_variants("bad-option", {
 @case
 def bad_option_out_empty(context):
     context.rejects(["run", context.file("scene.yaml", SCENE), "--out", ""], ["--out"])
+
+
+@case
+def bad_option_empty(context):
+    """Not taken as not given, nor is the next word taken instead."""
+    scene = context.file("scene.yaml", SCENE)
+    surface = context.file("t.obj", TETRAHEDRON)
+    commands = [(["run", scene, "--out", context.out], name)
+                for name in ("--duration", "--latency", "--jitter", "--seed", "--tetrahedra", "--compare", "--visual-dt",
+                             "--threads", "--handle")]
+    commands += [(["mesh", "embed", surface], "--size"), (["one-d", "--out", context.out], "--config"),
+                 (["check", "linearization", scene, "--out", context.out], "--at")]
+    for command, name in commands:
+        context.rejects([*command, name, ""], [f"{name}: must not be empty"])
+    context.rejects(["run", scene, "--out", context.out, "--duration=", "0.1"], ["--duration: must not be empty"])
+    context.rejects(["validate", ""], ["must not be empty"])
+
+
+@case
+def bad_output_is_full(context):
+    """What cannot be written to standard output is a failure; who reads no further is none."""
+    scene = context.file("scene.yaml", SCENE)
+    surface = context.file("t.obj", TETRAHEDRON)
+    for arguments in (["completion", "bash"], ["mesh", "info", surface], ["validate", scene], ["devices"], ["--help"],
+                      ["--version"], ["manual"], ["schema", "scene"]):
+        with open("/dev/full", "w") as full:
+            done = subprocess.run([context.program, *arguments], stdout=full, stderr=subprocess.PIPE, text=True, timeout=60)
+        expect(done.returncode == 1, f"{arguments}: exit code {done.returncode} and not 1")
+        expect(done.stderr == "palpate: cannot write to standard output: No space left on device\n",
+               f"{arguments}: {done.stderr!r}")
 
 
 @case
@@ -317,6 +351,10 @@ rejected_variants("bad-mesh", {
                             ["--tets"]),
     "tets-negative": lambda c: (["mesh", "embed", c.file("t.obj", TETRAHEDRON), "--tets", "-5", "--out",
                                  c.out / "t.vtk"], ["--tets"]),
+    "size-zero": lambda c: (["mesh", "embed", c.file("t.obj", TETRAHEDRON), "--size", "0"], ["--size"]),
+    "make-cells": lambda c: (["mesh", "make", "box", "--cells", "3", "4", "5", "--out", c.out / "x.obj"], ["--cells"]),
+    "make-kind": lambda c: (["mesh", "make", "sphere", "--out", c.out / "x.vtu"],
+                            ["--out", "end in .obj, .stl, .ply or .off"]),
     "tets-a-word": lambda c: (["mesh", "embed", c.file("t.obj", TETRAHEDRON), "--tets", "many"], ["--tets", "auto"]),
 })
 
@@ -425,7 +463,7 @@ def interrupted_stress_keeps_what_it_has(context):
     time.sleep(1.0)
     process.send_signal(signal.SIGINT)
     process.communicate(timeout=20)
-    expect(process.returncode in (0, 3), f"exit code {process.returncode}")
+    expect(process.returncode == 130, f"exit code {process.returncode}")
     steps = json.loads((context.out / "summary.json").read_text())["steps"]
     expect(0 < steps < 1000000, f"{steps} steps")
 

@@ -169,7 +169,9 @@ def export_refuses_what_it_cannot_do(context):
                              ([run, "--surface", "s.glb"], ["--surface", ".obj"]), ([run, "--mesh", "m.msh"], ["--mesh", ".vtu"]),
                              ([run, "--surface", "s.obj", "--body", "nobody"], ["--body", "nobody"]),
                              ([run, "--parts", "mesh,bones"], ["--parts", "bones"]), ([run, "--from", "5"], ["--from"]),
-                             ([run, "--every", "0"], ["--every"])):
+                             ([run, "--every", "0"], ["--every"]),
+                             ([run, "--surface", "s.obj", "--from", "0.1"], ["--from", "series"]),
+                             ([run, "--surface", "s.obj", "--out", "d"], ["--out", "series"])):
         context.rejects(["export", *arguments], words)
     whole = (run / "recording.palpate").read_bytes()
     damaged = context.file("damaged/recording.palpate", b"PALPATE1" + whole[8:].replace(b"scene", b"xxxxx")[:900])

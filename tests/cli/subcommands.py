@@ -665,10 +665,16 @@ def stress_stops_with_what_it_has(context):
     time.sleep(1)
     process.send_signal(signal.SIGINT)
     process.communicate(timeout=20)
-    expect(process.returncode in (0, 3), f"exit code {process.returncode} after Ctrl+C")
+    expect(process.returncode == 130, f"exit code {process.returncode} and not 130 after Ctrl+C")
     summary = context.summary()
     expect(summary["stopped"] and summary["steps"] > 0, f"stopped {summary['stopped']} at step {summary['steps']}")
     expect(summary["rides"]["ridden"] == len(context.table("rides.csv")[1]), "rows and rides differ")
+
+
+@case
+def seed_has_64_bits(context):
+    stress(context, context.file("scene.yaml", SCENE), "--steps", "1", "--seed", str(2**64 - 1))
+    expect(context.summary()["seed"] == 2**64 - 1, f"the seed is {context.summary()['seed']}")
 
 
 @case

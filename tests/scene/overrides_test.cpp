@@ -90,7 +90,6 @@ TEST(Overrides, RejectBadValuesByOption) {
   EXPECT_EQ(rejectedOverride({.latency = -1}), "--latency: -1 is out of range; it must be from 0 to 100");
   EXPECT_EQ(rejectedOverride({.latency = 1LL << 40}),
             "--latency: 1099511627776 is out of range; it must be from 0 to 100");
-  EXPECT_EQ(rejectedOverride({.seed = -1}), "--seed: -1 is out of range; it must not be negative");
   EXPECT_EQ(rejectedOverride({.tetrahedra = 5}), "--tetrahedra: 5 is out of range; it must be from 10 to 200000");
   EXPECT_EQ(rejectedOverride({.tetrahedra = 200000}),
             "--tetrahedra: the scene asks for 201144 tetrahedra; at most 200000 are allowed");

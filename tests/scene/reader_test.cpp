@@ -616,7 +616,7 @@ TEST(SceneReader, RejectsTooManyOfAnything) {
 
 TEST(SceneReader, RejectsARunThatIsTooLongForItsStep) {
   EXPECT_EQ(rejectedText(kSmallScene + "duration: 3600\nhaptic: {step: 0.0001}\nvisual: {step: 0.01}\n"),
-            "s.yaml: visual.step: 3600 s at a haptic step of 0.0001 s are more than 1e+07 ticks");
+            "s.yaml: duration: 3600 s at a haptic step of 0.0001 s are more than 1e+07 ticks");
 }
 
 // An alias bomb cannot grow: the schema bounds every list by a count, and aliases are not copied.

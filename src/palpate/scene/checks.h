@@ -10,7 +10,9 @@ namespace palpate {
 
 // Rules that tie several values together, wherever those come from. Each says what is wrong, if anything.
 
-/// The visual step is a whole multiple of the haptic step, and the run is no longer than files can hold.
+/// The visual step is a whole multiple of the haptic step.
+std::optional<std::string> stepObjection(const SceneConfig& config);
+/// It is, and the run is no longer than files can hold.
 std::optional<std::string> timingObjection(const SceneConfig& config);
 /// All bodies together stay below the limit on tetrahedra.
 std::optional<std::string> sizeObjection(const SceneConfig& config);

@@ -97,11 +97,16 @@ Vec3 SceneConfig::viewFrom() const {
 
 int SceneConfig::ticksPerStep() const { return static_cast<int>(std::lround(visual_step / haptic_step)); }
 
-std::optional<std::string> timingObjection(const SceneConfig& config) {
+std::optional<std::string> stepObjection(const SceneConfig& config) {
   const double ratio = config.visual_step / config.haptic_step;
   if (ratio < 0.5 || std::abs(ratio - std::round(ratio)) > 1e-6 * ratio)
     return fmt::format("{:g} s is not a whole multiple of the haptic step, {:g} s", config.visual_step,
                        config.haptic_step);
+  return std::nullopt;
+}
+
+std::optional<std::string> timingObjection(const SceneConfig& config) {
+  if (auto cause = stepObjection(config)) return cause;
   if (config.duration / config.haptic_step > limits::kTicks)
     return fmt::format("{:g} s at a haptic step of {:g} s are more than {:g} ticks", config.duration,
                        config.haptic_step, limits::kTicks);

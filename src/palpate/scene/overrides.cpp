@@ -80,12 +80,6 @@ void setTetrahedra(const std::optional<long long>& tetrahedra, SceneConfig& conf
   failOn("--tetrahedra", sizeObjection(config));
 }
 
-void setSeed(const std::optional<long long>& seed, SceneConfig& config) {
-  if (!seed) return;
-  if (*seed < 0) fail("--seed", fmt::format("{} is out of range; it must not be negative", *seed));
-  config.seed = static_cast<std::uint64_t>(*seed);
-}
-
 }  // namespace
 
 void applyOverrides(SceneConfig& config, const Overrides& overrides) {
@@ -107,7 +101,7 @@ void applyOverrides(SceneConfig& config, const Overrides& overrides) {
   if (overrides.visual_dt || overrides.visual_auto) changed.visual_step_auto = overrides.visual_auto;
   setInteger("--latency", overrides.latency, 0, limits::kLatency, changed.latency);
   setInteger("--jitter", overrides.jitter, 0, limits::kLatency, changed.jitter);
-  setSeed(overrides.seed, changed);
+  changed.seed = overrides.seed.value_or(changed.seed);
   setTetrahedra(overrides.tetrahedra, changed);
   config = std::move(changed);
 }

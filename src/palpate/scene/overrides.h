@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstdint>
 #include <optional>
 #include <string>
 
@@ -21,7 +22,7 @@ struct Overrides {
   bool visual_auto = false;               ///< --visual-dt auto: up to the scene's step
   std::optional<long long> latency{};     ///< --latency, visual steps
   std::optional<long long> jitter{};      ///< --jitter, visual steps
-  std::optional<long long> seed{};        ///< --seed
+  std::optional<std::uint64_t> seed{};    ///< --seed
   std::optional<long long> tetrahedra{};  ///< --tetrahedra wanted for the tool
 };
 

@@ -238,7 +238,8 @@ SceneConfig readSceneFromDocument(DocumentNode::Pointer document, const std::str
   SceneConfig config;
   config.source = std::move(document);
   readRoot(Value(name, "", config.source), config);
-  if (const auto cause = timingObjection(config)) throw InputError(name, "visual.step", *cause);
+  if (const auto cause = stepObjection(config)) throw InputError(name, "visual.step", *cause);
+  if (const auto cause = timingObjection(config)) throw InputError(name, "duration", *cause);
   if (const auto cause = sizeObjection(config)) throw InputError(name, "", *cause);
   if (const auto cause = methodObjection(config)) throw InputError(name, "method", *cause);
   return config;
