@@ -105,8 +105,8 @@ class BodySystem {
   /// @param state  at the start of the step; must stay where it is until advance()
   /// @param correction  that the step brings, of a body that follows no path
   void assemble(const StepInput& input, BodyState& state, const BodyCorrection* correction = nullptr);
-  /// How the factor's order suits contact on these nodes. It still does if it has them last, and not for long far too many
-  /// others; or it suits contact anywhere, and there has not been far less of it for long.
+  /// How the factor's order suits contact on these nodes. It still does if it has them last, and not for long far too
+  /// many others; or it suits contact anywhere, and there has not been far less of it for long.
   OrderFit contactNodesFit(const std::vector<int>& needed);
   /// Whether a point of body `self` needs nodes that should be ordered last and are not.
   bool lacksNodes(const ContactPoint& point, int self) const;

@@ -42,7 +42,7 @@ struct ToolPath {
   /// besides, and what is added to the velocities at its start. [m], [m/s]
   VecX shift, velocity;
   std::vector<BodyCorrection> others{};  ///< the same of other bodies
-  Vec6 link = Vec6::Zero();  ///< of the link on the handle, at the end [N; N m]
+  Vec6 link = Vec6::Zero();              ///< of the link on the handle, at the end [N; N m]
   /// A tool that resists with more than this is not led through [N].
   double largest_force = std::numeric_limits<double>::infinity();
   /// Where nodes would leave straight lines by more than this in a step, by what they did in the last one, it is taken
