@@ -87,9 +87,9 @@ class PartnerReduction {
 };
 
 /// How much another body gives way at the given places over a visual step, W = h' J A^-1 J^T with the factor of its
-/// last step, without what its modes give [m/N]. What else it rests on holds it: its loaded contacts with others than
-/// the tool are tied, by their normals alone where its supports have the friction. Bodies that are glued to it yield
-/// with it.
+/// last step, without what its modes give [m/N]. What stands still holds it: its loaded contacts with others than
+/// the tool are tied, by their normals alone where its supports have the friction. Other bodies that touch it, or are
+/// glued to it, yield with it.
 /// @param out    is added to, [3 m x 3 m], world frame
 /// @param begun  of this body, with the same sums if it knows them; null: nothing is made yet
 PartnerModes reducePartner(World& world, int body, const PartnerInput& input, MatX& out,
