@@ -96,8 +96,9 @@ void addCheckCommand(CLI::App& app) {
   options->scene.addScene(*command);
   options->scene.addOverrides(*command);
   command->add_option("--at", options->at, "Time in the run at which to compare, s")->required()->type_name("T");
-  command->add_option("--out", options->out, "Folder for summary.json; default out/check-NAME")
-      ->check(kNotEmpty)
+  command
+      ->add_option("--out", options->out, "Folder for summary.json; default out/check-NAME")
+
       ->type_name("DIR");
   command->callback([options] { check(*options); });
 }

@@ -281,8 +281,9 @@ void addDevicesCommand(CLI::App& app) {
   command->add_option("--test", options->test, "Open one as for a run and read it for two seconds, without force")
       ->check(offers(kinds))
       ->type_name("NAME[:key=value,...]");
-  command->add_option("--report", options->report, "Also write what was found, without private data (JSON)")
-      ->check(kNotEmpty)
+  command
+      ->add_option("--report", options->report, "Also write what was found, without private data (JSON)")
+
       ->type_name("FILE");
   command->add_flag("--options", options->help_options, "What may be set of each");
   command->callback([options] { devices(*options); });

@@ -80,8 +80,9 @@ void addEvaluateCommand(CLI::App& app) {
       ->delimiter(',')
       ->type_name("K/B,...");
   command->add_flag("--reference-check", options->study.reference_check, "Run the reference at half its step too");
-  command->add_option("--out", options->out, "Folder for summary.json and report.html")
-      ->check(kNotEmpty)
+  command
+      ->add_option("--out", options->out, "Folder for summary.json and report.html")
+
       ->type_name("DIR")
       ->capture_default_str();
   command->callback([options] { evaluate(*options); });

@@ -34,7 +34,7 @@ void checkOptions(ExportOptions& options) {
     throw InputError(options.of_series.front(), "", "is for a series, without --surface and --mesh");
   if (!options.mesh.empty() && endingOf(options.mesh) != ".vtu")
     throw InputError("--mesh", "", "the name of the simulation mesh must end in .vtu");
-  if (!options.surface.empty() && !canWrite(surfaceFormatOf(options.surface)))
+  if (!options.surface.empty() && !canWriteSurface(options.surface))
     throw InputError("--surface", "", "the name of the surface must end in .obj, .ply, .stl or .off");
   if (options.parts.empty()) return;
   options.series.mesh = options.series.surface = options.series.contacts = false;
@@ -103,8 +103,9 @@ void addExportCommand(CLI::App& app) {
   CLI::App* command = app.add_subcommand(
       "export", "Write a recorded run for other programs: a time series for ParaView, or a surface or mesh at a time");
   command->add_option("run", options->run, "Folder of the run, or its recording.palpate")->required()->type_name("RUN");
-  command->add_option("--out", options->out, "Folder for the time series, VTU files with PVD files; default RUN/vtu")
-      ->check(kNotEmpty)
+  command
+      ->add_option("--out", options->out, "Folder for the time series, VTU files with PVD files; default RUN/vtu")
+
       ->type_name("DIR");
   command->add_option("--parts", options->parts, "Of the series: mesh, surface, contacts; default: all")
       ->check(offers({"mesh", "surface", "contacts"}))
@@ -116,14 +117,16 @@ void addExportCommand(CLI::App& app) {
       ->check(CLI::Range(1, 1'000'000))
       ->capture_default_str()
       ->type_name("N");
-  command->add_option("--surface", options->surface, "Write the surface instead: .obj, .ply, .stl or .off")
-      ->check(kNotEmpty)
+  command
+      ->add_option("--surface", options->surface, "Write the surface instead: .obj, .ply, .stl or .off")
+
       ->type_name("FILE");
-  command->add_option("--mesh", options->mesh, "Write the simulation mesh instead: .vtu")
-      ->check(kNotEmpty)
+  command
+      ->add_option("--mesh", options->mesh, "Write the simulation mesh instead: .vtu")
+
       ->type_name("FILE");
   command->add_option("--time", options->time, "Time of surface and mesh, s; default: as built")->type_name("T");
-  command->add_option("--body", options->body, "Of this body only")->check(kNotEmpty)->type_name("NAME");
+  command->add_option("--body", options->body, "Of this body only")->type_name("NAME");
   command->callback([options, command] {
     for (const char* name : {"--parts", "--from", "--to", "--every", "--out"})
       if (command->count(name) > 0) options->of_series.emplace_back(name);

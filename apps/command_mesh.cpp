@@ -229,8 +229,7 @@ Surface makeShape(const MakeCommand& c) {
 
 // By its name; other kinds of file are only read.
 void requireWritable(const MakeCommand& c) {
-  const std::string ending = endingOf(c.out);
-  if (ending == ".obj" || ending == ".stl" || ending == ".ply" || ending == ".off") return;
+  if (canWriteSurface(c.out)) return;
   if (c.shape != "bar")
     throw InputError("--out", "", "the name of a surface must end in .obj, .stl, .ply or .off, not '" + c.out + "'");
   if (!isVolumeFile(c.out))
@@ -289,7 +288,6 @@ void addSurface(CLI::App& command, std::string& surface) {
 // 0 stands for none given, so it is no size that one may give.
 void addSize(CLI::App& command, double& size, const std::string& what) {
   const auto take = [&size](const double& given) {
-    requireLength("--size", given);
     if (given == 0) throw InputError("--size", "", "must be more than 0 m");
     size = given;
   };
@@ -313,8 +311,9 @@ void addEmbed(CLI::App& group) {
           "How far the embedded surface may be from the file's, to have fewer triangles, m; 0: all stay; default: "
           "1 % of a cell, at most 0.1 % of the diagonal")
       ->type_name("T");
-  command->add_option("--out", options->out, "Write the simulation mesh (.vtu or .vtk)")
-      ->check(kNotEmpty)
+  command
+      ->add_option("--out", options->out, "Write the simulation mesh (.vtu or .vtk)")
+
       ->type_name("FILE");
   command->callback([options] { fmt::print("{}", formatReport(runMeshEmbed(*options))); });
 }

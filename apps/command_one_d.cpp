@@ -31,8 +31,9 @@ void addOneDCommand(CLI::App& app) {
       "one-d", "The paper's one-dimensional experiment: virtual coupling against handle-space linearization");
   command->add_option("--config", options->config, "YAML file, see docs/one-d.md; default: the paper's experiment")
       ->type_name("FILE");
-  command->add_option("--out", options->out, "Folder for one_d.csv, summary.json and report.html")
-      ->check(kNotEmpty)
+  command
+      ->add_option("--out", options->out, "Folder for one_d.csv, summary.json and report.html")
+
       ->type_name("DIR")
       ->capture_default_str();
   command->callback([options] { runOneD(*options); });

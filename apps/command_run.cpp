@@ -185,8 +185,9 @@ void addRunCommand(CLI::App& app) {
                    "Rows of ticks and of visual steps as haptic.csv and visual.csv, or as haptic.h5 and visual.h5")
       ->check(CLI::IsMember({"csv", "hdf5"}))
       ->capture_default_str();
-  command->add_option("--out", options->out, "Folder for the files; default out/NAME of the scene")
-      ->check(kNotEmpty)
+  command
+      ->add_option("--out", options->out, "Folder for the files; default out/NAME of the scene")
+
       ->type_name("DIR");
   command->callback([options] { run(*options); });
 }

@@ -88,8 +88,9 @@ void addSoakCommand(CLI::App& app) {
       ->check(offers(methodNames()))
       ->type_name("NAME");
   addSeed(*command, options->seed, "Of the hands and their motion");
-  command->add_option("--out", options->out, "Folder for summary.json")
-      ->check(kNotEmpty)
+  command
+      ->add_option("--out", options->out, "Folder for summary.json")
+
       ->type_name("DIR")
       ->capture_default_str();
   command->callback([options] { soak(*options); });

@@ -121,8 +121,9 @@ void addStressCommand(CLI::App& app) {
       "Steps end early by the clock, as in real time, not by counted operations: no two runs are the same");
   command->add_flag("--static", options->solve_static,
                     "After a ride whose tool touches something, compare with the static solution from there");
-  command->add_option("--out", options->out, "Folder for summary.json and rides.csv; default out/stress-NAME")
-      ->check(kNotEmpty)
+  command
+      ->add_option("--out", options->out, "Folder for summary.json and rides.csv; default out/stress-NAME")
+
       ->type_name("DIR");
   command->callback([options] { stress(*options); });
 }

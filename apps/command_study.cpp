@@ -176,7 +176,7 @@ void addStudyCommand(CLI::App& app) {
   CLI::App* make = study->add_subcommand("plan", "Make the cases of a study: a folder each, with all that it needs");
   make->add_option("study", options->study, "Study file (YAML), see docs/studies.md")->required()->type_name("STUDY");
   make->add_option("--out", options->out, "Folder for the study; default out/study-NAME")
-      ->check(kNotEmpty)
+
       ->type_name("DIR");
   make->callback([options] { plan(*options); });
   const auto addFolder = [&](CLI::App* command) {

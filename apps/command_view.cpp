@@ -142,8 +142,9 @@ void addViewCommand(CLI::App& app) {
   options->scene.addOverrides(*command);
   options->serve.add(*command);
   command->add_flag("--record", options->record, "Record from the start; the page can also begin and end it");
-  command->add_option("--out", options->out, "Folder that recordings go below")
-      ->check(kNotEmpty)
+  command
+      ->add_option("--out", options->out, "Folder that recordings go below")
+
       ->type_name("DIR")
       ->capture_default_str();
   command->callback([options] { view(*options); });

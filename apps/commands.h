@@ -14,10 +14,6 @@ class ChecksFailed : public std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
-/// Of an option: a name must have letters.
-inline const CLI::Validator kNotEmpty([](const std::string& text) { return text.empty() ? "must not be empty" : ""; },
-                                      "");
-
 /// A signal ended the job before its time, and what there is was written. Exit code 128 + signal.
 class Interrupted : public std::runtime_error {
  public:

@@ -57,8 +57,9 @@ int end(int code, int cause = 0) {
 
 /// No value may be empty: CLI11 would take the default instead. Before the checks that an option has by itself.
 void refuseEmptyValues(CLI::App& app) {
+  const CLI::Validator not_empty([](const std::string& text) { return text.empty() ? "must not be empty" : ""; }, "");
   for (CLI::Option* option : app.get_options()) {
-    if (option->get_items_expected_max() > 0) option->transform(palpate::kNotEmpty);
+    if (option->get_items_expected_max() > 0) option->transform(not_empty);
   }
   for (CLI::App* command : app.get_subcommands([](const CLI::App*) { return true; })) refuseEmptyValues(*command);
 }

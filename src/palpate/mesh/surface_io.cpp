@@ -6,6 +6,7 @@
 #include <cstring>
 #include <filesystem>
 #include <limits>
+#include <optional>
 
 #include "palpate/common/error.h"
 #include "palpate/mesh/polygon.h"
@@ -68,7 +69,9 @@ Surface SurfaceBuilder::finish() {
   return std::move(surface_);
 }
 
-SurfaceFormat surfaceFormatOf(const std::string& path) {
+namespace {
+
+std::optional<SurfaceFormat> knownFormat(const std::string& path) {
   const std::string ending = endingOf(path);
   if (ending == ".obj") return SurfaceFormat::obj;
   if (ending == ".stl") return SurfaceFormat::stl;
@@ -76,6 +79,18 @@ SurfaceFormat surfaceFormatOf(const std::string& path) {
   if (ending == ".off") return SurfaceFormat::off;
   if (ending == ".gltf" || ending == ".glb") return SurfaceFormat::gltf;
   if (ending == ".3mf") return SurfaceFormat::three_mf;
+  return std::nullopt;
+}
+
+}  // namespace
+
+bool canWriteSurface(const std::string& path) {
+  const std::optional<SurfaceFormat> format = knownFormat(path);
+  return format && *format != SurfaceFormat::gltf && *format != SurfaceFormat::three_mf;
+}
+
+SurfaceFormat surfaceFormatOf(const std::string& path) {
+  if (const std::optional<SurfaceFormat> format = knownFormat(path)) return *format;
   throw InputError(path, "",
                    "unknown kind of surface file: the name must end in .obj, .stl, .ply, .off, .glb, .gltf or .3mf");
 }

@@ -16,10 +16,8 @@ inline constexpr int kLargestSurface = 2'000'000;
 /// By the file name's ending (.obj, .stl, .ply, .off, .gltf, .glb, .3mf; any case). Throws InputError for others.
 SurfaceFormat surfaceFormatOf(const std::string& path);
 
-/// Whether writeSurface() can.
-inline bool canWrite(SurfaceFormat format) {
-  return format != SurfaceFormat::gltf && format != SurfaceFormat::three_mf;
-}
+/// Whether writeSurface() can write a file of this name: .obj, .stl, .ply or .off.
+bool canWriteSurface(const std::string& path);
 
 /// Reads the triangles of an OBJ, STL (text or binary), PLY (text or binary) or OFF file as they stand; lengths as in
 /// the file. glTF 2.0 (text or binary): its default scene, turned from y up to z up; 3MF: what is to be built; both in

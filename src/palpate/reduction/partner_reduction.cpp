@@ -261,19 +261,27 @@ MatX holding(const MatX& gram, Eigen::Index own, const std::vector<Tie>& ties) {
   return out;
 }
 
-// Of several bodies that are glued: their own, the joints' rows and those of what else they touch held at zero [m/N].
-MatX gluedCompliance(World& world, const std::vector<int>& bodies, const std::vector<NodeSum>& sums) {
-  const std::vector<Tie> ties = tiesOf(world, bodies);
-  const auto own = static_cast<Eigen::Index>(3 * sums.size()), all = own + static_cast<Eigen::Index>(3 * ties.size());
-  MatX w = MatX::Zero(all, all);
+// Over several bodies, of sums of the first one's nodes and of three rows for each tie; lower triangle.
+// @param scale  h (h + beta) of what each one's own is divided by; 0: nothing is scaled
+MatX lowerGram(World& world, const std::vector<int>& bodies, const std::vector<NodeSum>& sums,
+               const std::vector<Tie>& ties, double scale) {
+  const auto size = static_cast<Eigen::Index>(3 * (sums.size() + ties.size()));
+  MatX w = MatX::Zero(size, size);
   for (const int b : bodies) {
     std::vector<NodeSum> rows(sums.size());
     if (b == bodies.front()) rows = sums;
     for (const Tie& t : ties) rows.push_back(nodesOf(*t.contact, b));
     BodySystem& system = world.body(b).system;
-    w.triangularView<Eigen::Lower>() += system.stiffnessScale() * lowerGram(system, rows);
+    w.triangularView<Eigen::Lower>() += (scale > 0 ? system.stiffnessScale() / scale : 1.0) * lowerGram(system, rows);
   }
-  return tied(holding(w, own, ties), own);
+  return w;
+}
+
+// Of several bodies that are glued: their own, the joints' rows and those of what else they touch held at zero [m/N].
+MatX gluedCompliance(World& world, const std::vector<int>& bodies, const std::vector<NodeSum>& sums) {
+  const std::vector<Tie> ties = tiesOf(world, bodies);
+  const auto own = static_cast<Eigen::Index>(3 * sums.size());
+  return tied(holding(lowerGram(world, bodies, sums, ties, 1.0), own, ties), own);
 }
 
 // Bodies beside a touched one that its ties join to it and loaded contacts to each other: they yield as it moves them.
@@ -300,24 +308,17 @@ std::vector<Beside> besidesOf(const World& world, int body, const std::vector<Ti
   return out;
 }
 
-// Their side of C A^-1 C^T for the body's ties with them; what else holds them is tied. Impulses to velocities; `as`:
-// to which body's scale a displacement by a force is brought, h (h + beta), 0: to none.
-MatX yieldOf(World& world, int body, const std::vector<Tie>& ties, const Beside& beside, double as) {
+// Their side of C A^-1 C^T for the body's ties with them; what else holds them is tied.
+// @param scale  as for lowerGram()
+MatX yieldOf(World& world, int body, const std::vector<Tie>& ties, const Beside& beside, double scale) {
   std::vector<Tie> all;
   for (const std::size_t k : beside.ties) all.push_back(ties[k]);
   const Eigen::Index own = rowsOf(all);
   for (const Tie& t : tiesOf(world, beside.bodies)) {
     if (!involves(*t.contact, body)) all.push_back(t);
   }
-  const auto size = static_cast<Eigen::Index>(3 * all.size());
-  MatX w = MatX::Zero(size, size);
-  for (const int b : beside.bodies) {
-    std::vector<NodeSum> rows;
-    for (const Tie& t : all) rows.push_back(nodesOf(*t.contact, b));
-    BodySystem& system = world.body(b).system;
-    w.triangularView<Eigen::Lower>() += (as > 0 ? system.stiffnessScale() / as : 1.0) * lowerGram(system, rows);
-  }
-  return all.size() == beside.ties.size() ? holding(w, 0, all) : tied(holding(w, 0, all), own);
+  const MatX held = holding(lowerGram(world, beside.bodies, {}, all, scale), 0, all);
+  return held.rows() == own ? held : tied(held, own);
 }
 
 // Of the rows that the step had of the body those that hold; none if any tie is not among them. Both are in the order
